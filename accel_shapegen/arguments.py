@@ -1,0 +1,121 @@
+"""Checks on arguments at the public boundary: what is refused, and how the refusal reads."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .errors import ArgumentError, DtypeError, NonFiniteError, ShapeError
+
+REAL_OF = {"complex64": "float32", "complex128": "float64"}
+
+
+def complex_dtype(name: str, dtype: Any) -> np.dtype[Any]:
+    """The requested precision as complex64 or complex128; anything else is refused."""
+    try:
+        resolved = np.dtype(dtype)
+    except TypeError:
+        resolved = None
+    if resolved is None or resolved.name not in REAL_OF:
+        raise DtypeError(name, f"is {dtype!r}", 'give "complex64" or "complex128"')
+    return resolved
+
+
+def real_dtype(dtype: Any) -> np.dtype[Any]:
+    """The real dtype of the same precision as complex64 or complex128."""
+    return np.dtype(REAL_OF[np.dtype(dtype).name])
+
+
+def real_array(name: str, value: ArrayLike, dtype: Any, *, check: bool = True) -> NDArray[Any]:
+    """`value` as a real array of `dtype`: floats, integers and booleans are converted to it.
+
+    Complex, float16, object and string arrays raise `DtypeError`; a value that is not finite
+    raises `NonFiniteError` with its first index, unless `check` is false.
+    """
+    array = np.asarray(value)
+    if array.dtype.kind not in "fiub" or array.dtype == np.float16:
+        raise DtypeError(name, f"has dtype {array.dtype}", "give float32, float64, integer or boolean values")
+    if check:
+        require_finite(name, array)
+    with np.errstate(over="ignore"):  # an overflow becomes an infinity, which the second scan names
+        converted = array.astype(dtype, copy=False)
+    if check and converted.dtype.kind == "f" and converted.itemsize < array.itemsize:
+        require_finite(name, converted, suffix=f" once converted to {converted.dtype}")
+    return converted
+
+
+def complex_array(name: str, value: ArrayLike, dtype: Any, *, check: bool = True) -> NDArray[Any]:
+    """`value` as a complex array of `dtype`; real values are taken as complex ones."""
+    array = np.asarray(value)
+    if array.dtype.kind not in "cfiub" or array.dtype == np.float16:
+        raise DtypeError(name, f"has dtype {array.dtype}", "give complex64 or complex128 values")
+    if check:
+        require_finite(name, array)
+    with np.errstate(over="ignore"):
+        converted = array.astype(dtype, copy=False)
+    if check and converted.itemsize < array.itemsize:
+        require_finite(name, converted, suffix=f" once converted to {converted.dtype}")
+    return converted
+
+
+def require_finite(name: str, array: NDArray[Any], *, suffix: str = "") -> None:
+    """Raise `NonFiniteError` naming the first index of a NaN or infinity."""
+    if array.dtype.kind not in "fc" or array.size == 0:
+        return
+    # One pass without a temporary: a sum is finite when all values are (overflow is settled below).
+    with np.errstate(over="ignore", invalid="ignore"):
+        if np.isfinite(array.sum()):
+            return
+    bad = np.argwhere(~np.isfinite(array))
+    if len(bad):
+        index = tuple(int(i) for i in bad[0])
+        raise NonFiniteError(name, f"is {array[index]} at index {index}{suffix}", "give finite values")
+
+
+def lengths(name: str, value: Sequence[float] | float, *, dim: int | None = None) -> tuple[float, ...]:
+    """Positive finite lengths, one per axis."""
+    if isinstance(value, (int, float)) and dim is not None:
+        value = (float(value),) * dim
+    try:
+        result = tuple(float(v) for v in value)  # type: ignore[union-attr]
+    except (TypeError, ValueError):
+        raise ArgumentError(name, f"is {value!r}", "give one positive length in metres per axis") from None
+    if dim is not None and len(result) != dim:
+        raise ShapeError(name, f"has {len(result)} entries", f"give {dim}, one per axis")
+    for axis, length in enumerate(result):
+        if not (math.isfinite(length) and length > 0):
+            raise ArgumentError(name, f"is {length} on axis {axis}", "give a positive finite length")
+    return result
+
+
+def count(name: str, value: Any, *, least: int = 1) -> int:
+    """An integer of at least `least`; booleans and fractions are refused."""
+    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, np.integer)):
+        raise ArgumentError(name, f"is {value!r}", f"give an integer of at least {least}")
+    if value < least:
+        raise ArgumentError(name, f"is {value}", f"give an integer of at least {least}")
+    return int(value)
+
+
+def counts(name: str, value: Any, dim: int, *, least: int = 1) -> tuple[int, ...]:
+    """One count per axis; a single integer stands for all axes."""
+    if isinstance(value, (int, np.integer)):
+        return (count(name, value, least=least),) * dim
+    try:
+        items = tuple(value)
+    except TypeError:
+        raise ArgumentError(name, f"is {value!r}", f"give an integer or {dim} of them") from None
+    if len(items) != dim:
+        raise ShapeError(name, f"has {len(items)} entries", f"give one integer or {dim}, one per axis")
+    return tuple(count(f"{name}[{axis}]", item, least=least) for axis, item in enumerate(items))
+
+
+def choice(name: str, value: Any, options: Sequence[str]) -> str:
+    """One of a few words."""
+    if value not in options:
+        raise ArgumentError(name, f"is {value!r}", "give one of " + ", ".join(repr(o) for o in options))
+    return str(value)
