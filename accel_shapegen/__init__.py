@@ -9,6 +9,8 @@ learning perspective" (2020).
 
 from __future__ import annotations
 
+from typing import Any
+
 from . import backends, bodies, errors, metrics
 from .errors import ShapegenError
 from .far_field import FarFieldPlan, far_field, plan_far_field
@@ -50,7 +52,7 @@ __all__ = [
 ]
 
 
-def __getattr__(name: str) -> str:
+def __getattr__(name: str) -> Any:
     if name == "__version__":
         # Reading the metadata takes milliseconds, which every import would pay for.
         from importlib.metadata import version

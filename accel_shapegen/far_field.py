@@ -238,9 +238,7 @@ def _alike(
         raise DtypeError("body", f"is a {type(first).__name__}", "give a VoxelGrid or Polygons, or a list of them")
     cells, per_body = math.prod(first.grid.shape), max(1, math.prod(first.batch_shape))
     batch = batches.one_shot_batch(len(bodies) * per_body, 8 * cells)
-    plan = plan_far_field(
-        first.grid, nodes, batch=batch, frame=frames[0], eps=eps, dtype=dtype, backend=backend
-    )
+    plan = plan_far_field(first.grid, nodes, batch=batch, frame=frames[0], eps=eps, dtype=dtype, backend=backend)
     if per_body >= batch:
         return [plan.apply(body.values, check=check) for body in bodies]
     rows: list[NDArray[Any]] = []
@@ -257,7 +255,9 @@ def _polygons(
     _require_nodes(nodes, 2, "body")
     precision = arguments.complex_dtype("dtype", dtype)
     if body.volume <= 0:
-        raise MeshError("body", f"has area {body.volume:.6g} m²", "order outer rings counter-clockwise, holes clockwise")
+        raise MeshError(
+            "body", f"has area {body.volume:.6g} m²", "order outer rings counter-clockwise, holes clockwise"
+        )
     (chosen,) = voxel_transform.frame_list(frame, 2, 1)
     rings = [(ring - chosen.centre) / chosen.scale for ring in body.rings]
     if isinstance(nodes, FourierLattice):

@@ -202,7 +202,9 @@ class ShapeModel:
         """
         knots, order = tensor_order(lambdas, names)
         if len(bodies_or_u) != len(order):
-            raise ShapeError("bodies_or_u", f"has {len(bodies_or_u)} rows", f"give {len(order)}, one per row of lambdas")
+            raise ShapeError(
+                "bodies_or_u", f"has {len(bodies_or_u)} rows", f"give {len(order)}, one per row of lambdas"
+            )
         if isinstance(bodies_or_u, np.ndarray):
             shape = tuple(len(axis) for axis in knots)
             u = bodies_or_u[order].reshape(*shape, *bodies_or_u.shape[1:])
@@ -338,8 +340,8 @@ class ShapeModel:
 def _axes(
     knots: Sequence[ArrayLike], boundary: Boundary, basis: Basis, names: Sequence[str] | None
 ) -> tuple[splines.SplineAxis, ...]:
-    if isinstance(knots, np.ndarray) and knots.ndim == 1 or not len(knots):
-        raise ShapeError("knots", f"is {type(knots).__name__} of shape {np.shape(knots)}", "give one array per axis")
+    if (isinstance(knots, np.ndarray) and knots.ndim == 1) or not len(knots):
+        raise ShapeError("knots", f"is one {type(knots).__name__}", "give a sequence of arrays, one per axis")
     if names is None:
         names = [f"lambda_{j + 1}" for j in range(len(knots))]
     if len(names) != len(knots):
@@ -355,5 +357,7 @@ def _one_generator(
 ) -> NDArray[Any]:
     u = far_field(body, nodes, eps=eps, dtype=dtype, backend=backend)
     if u.shape != nodes.shape:
-        raise ShapeError(f"bodies[{index}]", f"is a batch of shape {u.shape[: -len(nodes.shape)]}", "give single bodies")
+        raise ShapeError(
+            f"bodies[{index}]", f"is a batch of shape {u.shape[: -len(nodes.shape)]}", "give single bodies"
+        )
     return u

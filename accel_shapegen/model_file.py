@@ -2,7 +2,7 @@
 
 The zip's comment, which is the end of the file, is `sha256:` and the digest of everything before it. Members:
 
-    header          UTF-8 JSON as bytes: format, version, the axes' names, boundaries, bases and forms, and what the nodes are
+    header          UTF-8 JSON as bytes: format, version, the axes' names, boundaries, bases, forms; the nodes
     coefficients    (C_1, .., C_M, *nodes.shape) complex
     knots_0, ..     (n_j,) float64
     directions, wavenumbers                  scattered nodes only

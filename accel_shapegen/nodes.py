@@ -131,7 +131,9 @@ class FourierLattice:
         bad = np.argwhere(~(np.abs(restored - flat[..., : self.size // 2]) <= slack))
         if len(bad):
             index = tuple(int(i) for i in bad[0])
-            raise ArgumentError("u", f"is not the mirror of its other half at flat index {index}", "keep the whole array")
+            raise ArgumentError(
+                "u", f"is not the mirror of its other half at flat index {index}", "keep the whole array"
+            )
         return half.copy()
 
     def unpack(self, half: ArrayLike, *, symmetry: Literal["far field", "fourier"] = "far field") -> NDArray[Any]:

@@ -30,7 +30,7 @@ class ZeroNodeFormula:
     """
 
     def __init__(self, lattice: FourierLattice) -> None:
-        self.line = (slice(None), *lattice.zero_slot[1:])
+        self.line: tuple[Any, ...] = (slice(None), *lattice.zero_slot[1:])
         volume, mu = lattice.box.volume, lattice.mu
         xi = np.arange(-lattice.order[0], lattice.order[0] + 1)
         constant = far_field_constant(lattice.wavenumbers[self.line], lattice.dim)
@@ -41,7 +41,8 @@ class ZeroNodeFormula:
 
     def apply(self, u: NDArray[Any]) -> NDArray[np.complex128]:
         """(b, *lattice.shape) → (b,); summed in float64 whatever the data's precision."""
-        return np.asarray(u[(slice(None), *self.line)].astype(np.complex128) @ self.form)
+        line: tuple[Any, ...] = (slice(None), *self.line)
+        return np.asarray(u[line].astype(np.complex128) @ self.form)
 
 
 def coefficient_factor(lattice: FourierLattice) -> NDArray[np.complex128]:
@@ -78,7 +79,8 @@ def fourier_coefficients(u: ArrayLike, lattice: FourierLattice) -> NDArray[Any]:
     generators = _generators(u, lattice, check=True)
     flat = generators.reshape(-1, *lattice.shape)
     result = (flat * coefficient_factor(lattice)).astype(generators.dtype)
-    result[(slice(None), *lattice.zero_slot)] = ZeroNodeFormula(lattice).apply(flat)
+    centre: tuple[Any, ...] = (slice(None), *lattice.zero_slot)
+    result[centre] = ZeroNodeFormula(lattice).apply(flat)
     return result.reshape(generators.shape)
 
 
@@ -155,9 +157,11 @@ class SynthesisPlan:
             exact=self._frame_per_body,
         )
         # Only Re f̂_0 enters the field, so the centre's cotangent is the real sum of the field's.
-        mean = flat[(slice(None), *self.lattice.zero_slot)].real.astype(np.float64)
-        flat[(slice(None), *self.lattice.zero_slot)] = 0
-        flat[(slice(None), *self._zero_node.line)] += mean[:, None] * self._zero_node.form.conj()
+        centre: tuple[Any, ...] = (slice(None), *self.lattice.zero_slot)
+        mean = flat[centre].real.astype(np.float64)
+        flat[centre] = 0
+        line: tuple[Any, ...] = (slice(None), *self._zero_node.line)
+        flat[line] += mean[:, None] * self._zero_node.form.conj()
         return result
 
 

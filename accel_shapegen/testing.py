@@ -29,7 +29,7 @@ def ellipsoid_transform(radii: Sequence[float], kappa: ArrayLike, centre: ArrayL
     from scipy.special import j1, spherical_jn
 
     nodes = np.asarray(kappa, dtype=np.float64)
-    r = np.asarray(radii, dtype=np.float64)
+    r: NDArray[np.float64] = np.asarray(radii, dtype=np.float64)
     t = np.sqrt(((nodes * r) ** 2).sum(axis=-1))
     safe = np.where(t == 0, 1.0, t)
     if len(r) == 3:
@@ -68,5 +68,4 @@ def dot_test(forward: Complex, u: ArrayLike, values: ArrayLike, adjoint: ArrayLi
 
 def _moved(value: NDArray[np.float64], kappa: NDArray[np.float64], centre: ArrayLike) -> Complex:
     place = np.broadcast_to(np.asarray(centre, dtype=np.float64), kappa.shape[-1:])
-    moved: Complex = value * np.exp(-1j * kappa @ place)
-    return moved
+    return np.asarray(value * np.exp(-1j * kappa @ place), dtype=np.complex128)

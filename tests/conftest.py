@@ -18,7 +18,9 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
         devices = opencl_devices()
         # A run without any device must not pass by having nothing to run.
         params = devices or [None]
-        metafunc.parametrize("opencl", params, indirect=True, ids=lambda info: info.version.replace(" ", "-") if info else "none")
+        metafunc.parametrize(
+            "opencl", params, indirect=True, ids=lambda info: info.version.replace(" ", "-") if info else "none"
+        )
 
 
 @pytest.fixture

@@ -8,7 +8,15 @@ import pytest
 import accel_shapegen as asg
 from accel_shapegen import Box, FourierLattice, Frame, Grid, Polygons, ScatteredNodes, VoxelGrid, far_field_constant
 from accel_shapegen.backends.base import Backend
-from accel_shapegen.errors import ArgumentError, BackendError, DtypeError, MeshError, NonFiniteError, OutsideBoxError, ShapeError
+from accel_shapegen.errors import (
+    ArgumentError,
+    BackendError,
+    DtypeError,
+    MeshError,
+    NonFiniteError,
+    OutsideBoxError,
+    ShapeError,
+)
 from accel_shapegen.testing import box_transform, dot_test, ellipsoid_transform, off_centre, relative_error
 
 LATTICES = {
@@ -113,7 +121,7 @@ def test_identities(dim: int, rng: np.random.Generator) -> None:
     # y = x / s: in the frame the body is smaller, so û(κ) = û_x(κ/s)/Π s.
     scale = (2.0, 1.5, 1.25)[:dim]
     shrunk = transform(a, frame=Frame((0.0,) * dim, scale))
-    small = VoxelGrid(a, Box(tuple(l / s for l, s in zip(box.lengths, scale, strict=True))))
+    small = VoxelGrid(a, Box(tuple(a / s for a, s in zip(box.lengths, scale, strict=True))))
     assert relative_error(shrunk, asg.far_field(small, lattice, dtype="complex128", backend="reference")) < CLOSED_FORM
 
 
@@ -204,19 +212,31 @@ SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
         (lambda: asg.far_field(VoxelGrid(np.ones((3, 3)), Box((1, 1))), L2, eps=0), ArgumentError, "eps: is 0"),
         (lambda: asg.far_field(VoxelGrid([[1.0, np.nan]], Box((1, 1))), L2), NonFiniteError, r"values.*nan at index"),
         (lambda: asg.far_field(VoxelGrid([[1e300]], Box((1, 1))), L2), NonFiniteError, "once converted to float32"),
-        (lambda: asg.far_field(VoxelGrid(np.ones((3, 3)), Box((1, 1))), L2, backend="cuda"), BackendError, "'cuda' is not"),
+        (
+            lambda: asg.far_field(VoxelGrid(np.ones((3, 3)), Box((1, 1))), L2, backend="cuda"),
+            BackendError,
+            "'cuda' is not",
+        ),
         (lambda: asg.far_field(Polygons([SQUARE]), L2, backend="opencl"), BackendError, "no polygon_transform"),
         (lambda: asg.far_field(Polygons([SQUARE[::-1]]), L2), MeshError, "area -1"),
         (lambda: asg.far_field(Polygons([SQUARE * 4]), L2), OutsideBoxError, "body: reaches from 0 to 4"),
         (lambda: asg.far_field(asg.bodies.cuboid(1, 1, 1), L3), ArgumentError, "TriangleMesh; voxelise it first"),
         (lambda: asg.far_field(Polygons([SQUARE]), L2, frame=Frame((0, 0, 0), 1)), ShapeError, "frame"),
         (lambda: asg.far_field([Polygons([SQUARE])], L2, frame=[]), ShapeError, "frame: has 0 entries"),
-        (lambda: asg.plan_far_field(Grid.from_axes([[0, 1, 3], [0, 1]]), L2), ArgumentError, "grid: is not equidistant"),
+        (
+            lambda: asg.plan_far_field(Grid.from_axes([[0, 1, 3], [0, 1]]), L2),
+            ArgumentError,
+            "grid: is not equidistant",
+        ),
         (lambda: asg.plan_far_field("grid", L2), DtypeError, "grid: is a str"),
         (lambda: asg.plan_far_field(Grid(Box((1, 1)), 3), L2, batch=0), ArgumentError, "batch: is 0"),
         (lambda: asg.plan_far_field(Grid(Box((1, 1)), 3), L2).apply(np.ones((3, 4))), ShapeError, "values: has shape"),
         (lambda: asg.plan_far_field(Grid(Box((1, 1)), 3), L2).apply(np.ones((0, 3, 3))), ShapeError, "empty batch"),
-        (lambda: asg.plan_far_field(Grid(Box((1, 1)), 3), L2).apply(np.ones((3, 3)) * 1j), DtypeError, "values: has dtype"),
+        (
+            lambda: asg.plan_far_field(Grid(Box((1, 1)), 3), L2).apply(np.ones((3, 3)) * 1j),
+            DtypeError,
+            "values: has dtype",
+        ),
         (
             lambda: asg.plan_far_field(Grid(Box((1, 1)), 3), L2).apply(np.ones((3, 3)), out=np.ones(L2.shape)),
             DtypeError,

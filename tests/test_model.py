@@ -68,7 +68,9 @@ def test_interpolates_at_every_knot(opencl: Backend, rng: np.random.Generator) -
     assert relative_error(model.predict(grid), u.reshape(-1, *LATTICE.shape)) < 100 * np.finfo(float).eps
     few = ShapeModel.fit(KNOTS[::2], u[:, 0], LATTICE, backend=opencl)
     # Up to eight knots per axis the weights at a knot are exactly 0 and 1.
-    np.testing.assert_array_equal(few.predict(grid.reshape(4, 11, 3, 3)[:, 0, :, ::2].reshape(-1, 2)).reshape(4, 3, *LATTICE.shape), u[:, 0])
+    np.testing.assert_array_equal(
+        few.predict(grid.reshape(4, 11, 3, 3)[:, 0, :, ::2].reshape(-1, 2)).reshape(4, 3, *LATTICE.shape), u[:, 0]
+    )
 
 
 def test_models_one_and_two_agree(rng: np.random.Generator) -> None:
@@ -110,7 +112,9 @@ def test_generate_is_predict_then_synthesise(rng: np.random.Generator) -> None:
     model = ShapeModel.fit(KNOTS, u, LATTICE)
     grid = Grid(Box((2.5, 3.0)), (9, 8))
     seen = []
-    fields = model.generate(QUERIES, grid, batch=2, window="lanczos", progress=lambda done, total: seen.append((done, total)))
+    fields = model.generate(
+        QUERIES, grid, batch=2, window="lanczos", progress=lambda done, total: seen.append((done, total))
+    )
     expected = asg.synthesize(model.predict(QUERIES), LATTICE, grid, window="lanczos")
     np.testing.assert_array_equal(fields, expected)
     assert seen == [(2, 3), (3, 3)]
@@ -157,10 +161,17 @@ def test_tables_in_any_order(rng: np.random.Generator) -> None:
 
 
 @pytest.mark.parametrize("kind", ["lattice", "scattered"])
-def test_saved_model_answers_with_the_same_bits(opencl: Backend, tmp_path: Path, kind: str, rng: np.random.Generator) -> None:
+def test_saved_model_answers_with_the_same_bits(
+    opencl: Backend, tmp_path: Path, kind: str, rng: np.random.Generator
+) -> None:
     nodes = LATTICE if kind == "lattice" else ScatteredNodes([[1.0, 0.0], [0.6, 0.8]], [1.0, 2.0])
     model = ShapeModel.fit(
-        KNOTS, generators(KNOTS, nodes, rng, "complex64"), nodes, boundary="clamped", names=["höhe", "rw", "c"], backend=opencl
+        KNOTS,
+        generators(KNOTS, nodes, rng, "complex64"),
+        nodes,
+        boundary="clamped",
+        names=["höhe", "rw", "c"],
+        backend=opencl,
     )
     path = model.save(tmp_path / "model.npz")
     again = ShapeModel.load(path, backend=opencl)
@@ -224,7 +235,7 @@ KITE = asg.bodies.kite(0.5, 0.5)
         (lambda: fit(knots=[[1, 2, 2, 3]]), KnotError, "knots"),
         (lambda: fit(knots=[[1, 3, 2, 4]]), KnotError, "knots"),
         (lambda: fit(knots=[[1]], u=np.ones((1, *LATTICE.shape), complex)), KnotError, "knots"),
-        (lambda: fit(knots=np.arange(4.0)), ShapeError, "knots: is ndarray"),
+        (lambda: fit(knots=np.arange(4.0)), ShapeError, "knots: is one ndarray"),
         (lambda: fit(knots=[]), ShapeError, "knots"),
         (lambda: fit(knots=[[0, 1, 2, 9]], basis="uniform"), KnotError, "equidistant"),
         (lambda: fit(boundary="periodic"), ArgumentError, "boundary: is 'periodic'"),
@@ -243,10 +254,18 @@ KITE = asg.bodies.kite(0.5, 0.5)
         (lambda: fit().generate([[1.2]], "grid"), DtypeError, "grid: is a str"),
         (lambda: fit().generate([[1.2], [9.0]], Grid(Box((1, 1)), 3), batch=1), QueryRangeError, "9"),
         (lambda: ShapeModel.fit_bodies([[1, 2]], [KITE], LATTICE), ArgumentError, "bodies"),
-        (lambda: ShapeModel.fit_bodies([[1, 2]], [KITE] * 3, FourierLattice(Box((7, 7)), 2)), ShapeError, "more than 2"),
+        (
+            lambda: ShapeModel.fit_bodies([[1, 2]], [KITE] * 3, FourierLattice(Box((7, 7)), 2)),
+            ShapeError,
+            "more than 2",
+        ),
         (lambda: ShapeModel.fit_bodies([[1, 2]], [KITE], FourierLattice(Box((7, 7)), 2)), ShapeError, "bodies: has 1"),
         (lambda: ShapeModel.from_table([1.0, 2.0], [KITE] * 2, LATTICE), ShapeError, "lambdas: has shape"),
-        (lambda: ShapeModel.from_table(np.random.default_rng(0).normal(size=(9, 3)), [KITE] * 9, LATTICE), TableError, "9 × 9 × 9"),
+        (
+            lambda: ShapeModel.from_table(np.random.default_rng(0).normal(size=(9, 3)), [KITE] * 9, LATTICE),
+            TableError,
+            "9 × 9 × 9",
+        ),
     ],
 )
 def test_bad_input(call, error, message) -> None:

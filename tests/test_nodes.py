@@ -22,7 +22,14 @@ def test_lattice_is_what_the_definition_says() -> None:
 
 @pytest.mark.parametrize(
     ("delta", "dim", "tau", "order"),
-    [(0.01, 2, None, 20), (0.01, 3, None, 19), (1.0, 3, None, 3), (1.0, 2, 2.5, 3), (0.05, 3, None, 10), (0.0001, 2, 2, 200)],
+    [
+        (0.01, 2, None, 20),
+        (0.01, 3, None, 19),
+        (1.0, 3, None, 3),
+        (1.0, 2, 2.5, 3),
+        (0.05, 3, None, 10),
+        (0.0001, 2, 2, 200),
+    ],
 )
 def test_order_from_noise(delta: float, dim: int, tau: float | None, order: int) -> None:
     assert order_from_noise(delta, dim, tau) == order

@@ -103,7 +103,13 @@ def test_plan_adjoint_and_frames(opencl: Backend, dim: int, per_body: bool, rng:
     grid = Grid(Box((2.4,) * dim), (9, 8, 7)[:dim])
     frames = [Frame((0.1 * b, -0.2, 0.05)[:dim], (0.6 + 0.2 * b, 1.1, 0.9)[:dim]) for b in range(2)]
     plan = asg.plan_synthesis(
-        lattice, grid, batch=2, frame=frames if per_body else frames[0], window="fejer", dtype="complex128", backend=opencl
+        lattice,
+        grid,
+        batch=2,
+        frame=frames if per_body else frames[0],
+        window="fejer",
+        dtype="complex128",
+        backend=opencl,
     )
     u = rng.normal(size=(4, *lattice.shape)) + 1j * rng.normal(size=(4, *lattice.shape))
     values = rng.normal(size=(4, *grid.shape))

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import importlib
 import os
-from functools import lru_cache
+from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 
 from ..errors import ArgumentError, BackendError
@@ -17,22 +17,26 @@ from .base import Backend, DeviceInfo
 
 GROUP = "accel_shapegen.backends"
 OPERATIONS = ("tensor_transform", "scattered_transform", "spline_contract", "polygon_transform")
+# Known even where the package is not installed and so has no entry points.
 _OWN = {
-    "opencl": "accel_shapegen.backends.opencl:OpenCLBackend",
-    "reference": "accel_shapegen.backends.reference:ReferenceBackend",
+    name: EntryPoint(name, value, GROUP)
+    for name, value in (
+        ("opencl", "accel_shapegen.backends.opencl:OpenCLBackend"),
+        ("reference", "accel_shapegen.backends.reference:ReferenceBackend"),
+    )
 }
 _INSTALL = {"opencl": 'pip install "accel-shapegen[pocl]"'}
 
 
-@lru_cache(maxsize=1)
+@cache
 def _registered() -> dict[str, EntryPoint]:
-    found = {name: EntryPoint(name, value, GROUP) for name, value in _OWN.items()}
+    found = dict(_OWN)
     for point in entry_points(group=GROUP):
         found.setdefault(point.name, point)
     return found
 
 
-@lru_cache(maxsize=None)
+@cache
 def _load(name: str) -> type[Backend]:
     registered = _registered()
     if name not in registered:
@@ -45,12 +49,12 @@ def _load(name: str) -> type[Backend]:
     return loaded
 
 
-@lru_cache(maxsize=None)
+@cache
 def _probe(name: str) -> tuple[DeviceInfo, ...]:
     return tuple(_load(name).probe())
 
 
-@lru_cache(maxsize=None)
+@cache
 def _instance(info: DeviceInfo) -> Backend:
     return _load(info.backend)(info)
 
@@ -69,12 +73,14 @@ def available() -> list[DeviceInfo]:
             devices += _probe(name)
         except BackendError as error:
             devices.append(
-                DeviceInfo(name, 0, "none", "none", usable=False, preference=-1, problems=(f"{error.problem}; {error.remedy}",))
+                DeviceInfo(
+                    name, 0, "none", "none", usable=False, preference=-1, problems=(f"{error.problem}; {error.remedy}",)
+                )
             )
     return sorted(devices, key=lambda info: (not info.usable, -info.preference))
 
 
-def get(name: str | None = None, *, operation: str | None = None, device: int | str | None = None) -> Backend:
+def get(name: str | Backend | None = None, *, operation: str | None = None, device: int | str | None = None) -> Backend:
     """The backend that a call with these wishes gets, bound to its device.
 
     Parameters
@@ -103,7 +109,8 @@ def get(name: str | None = None, *, operation: str | None = None, device: int | 
         return _instance(_best(operation))
     pool = list(_probe(named)) if named is not None else available()
     chosen = _match(pool, wanted, named)
-    # The environment's device is a wish for all calls: one that lacks the operation gives way, an explicit one does not.
+    # The environment's device is a wish for all calls: where the operation is missing it gives way. An explicit one
+    # does not.
     if name is None and device is None and operation is not None and operation not in _load(chosen.backend).operations:
         return _instance(_best(operation))
     return _with_operation(_instance(chosen), operation)

@@ -148,7 +148,9 @@ class ReferenceScatteredPlan:
                 phases = self._phases(nodes)
                 # Two real products instead of a complex one with a zero imaginary part.
                 last = phases[-1]
-                partial = np.tensordot(last.real, body_values, (1, -1)) + 1j * np.tensordot(last.imag, body_values, (1, -1))
+                partial = np.tensordot(last.real, body_values, (1, -1)) + 1j * np.tensordot(
+                    last.imag, body_values, (1, -1)
+                )
                 for phase in reversed(phases[:-1]):
                     partial = np.einsum("j...g,jg->j...", partial, phase)
                 result[body, nodes] = partial
@@ -167,7 +169,9 @@ class ReferenceScatteredPlan:
                 for phase in phases[:-1]:
                     partial = np.einsum("j...,jg->j...g", partial, phase)
                 last = phases[-1]
-                result[body] += np.tensordot(partial.real, last.real, (0, 0)) - np.tensordot(partial.imag, last.imag, (0, 0))
+                result[body] += np.tensordot(partial.real, last.real, (0, 0)) - np.tensordot(
+                    partial.imag, last.imag, (0, 0)
+                )
         return _finish(result, spec.dtype, out)
 
 
