@@ -20,11 +20,11 @@ from numpy.typing import ArrayLike, NDArray
 from . import arguments, backends, batches, splines
 from .backends.base import Backend, SplinePlan, SplineSpec
 from .errors import ArgumentError, DtypeError, ShapeError
-from .far_field import Body, far_field
+from .far_field import Body
 from .geometry import Grid
 from .nodes import FourierLattice, Nodes, ScatteredNodes
 from .synthesis import Window, plan_synthesis
-from .training_table import tensor_order
+from .training_set import body_generators, tensor_order
 
 Boundary = Literal["natural", "not-a-knot", "clamped"]
 Basis = Literal["auto", "cox-de-boor", "uniform"]
@@ -158,17 +158,7 @@ class ShapeModel:
         axes = _axes(knots, boundary, basis, names)
         total = math.prod(len(axis.knots) for axis in axes)
         precision = arguments.complex_dtype("dtype", dtype)
-        u = np.empty((total, *nodes.shape), dtype=precision)
-        done = 0
-        for body in bodies:
-            if done == total:
-                raise ShapeError("bodies", f"has more than {total} entries", "give one body per grid point")
-            u[done] = _one_generator(body, done, nodes, eps, precision, backend)
-            done += 1
-            if progress is not None:
-                progress(done, total)
-        if done < total:
-            raise ShapeError("bodies", f"has {done} entries", f"give {total}, one per grid point, C order")
+        u = body_generators(bodies, total, nodes, eps=eps, dtype=precision, backend=backend, progress=progress)
         shape = tuple(len(axis.knots) for axis in axes)
         return cls.fit(
             knots, u.reshape(*shape, *nodes.shape), nodes, boundary=boundary, basis=basis, names=names, backend=backend
@@ -350,14 +340,3 @@ def _axes(
         splines.SplineAxis(axis, boundary=boundary, basis=basis, name=name)
         for axis, name in zip(knots, names, strict=True)
     )
-
-
-def _one_generator(
-    body: Body, index: int, nodes: Nodes, eps: float, dtype: np.dtype[Any], backend: str | Backend | None
-) -> NDArray[Any]:
-    u = far_field(body, nodes, eps=eps, dtype=dtype, backend=backend)
-    if u.shape != nodes.shape:
-        raise ShapeError(
-            f"bodies[{index}]", f"is a batch of shape {u.shape[: -len(nodes.shape)]}", "give single bodies"
-        )
-    return u

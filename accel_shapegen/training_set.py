@@ -1,14 +1,18 @@
-"""A table of characteristic values, in any order of rows, as a full tensor grid."""
+"""A training set: a table in any order of rows as a full tensor grid, and the shape generators of its bodies."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import arguments
+from .backends.base import Backend
 from .errors import ShapeError, TableError
+from .far_field import Body, far_field
+from .nodes import Nodes
 
 # Offending grid points listed in an error before it is cut short.
 LISTED = 10
@@ -65,3 +69,32 @@ def _listed(
         texts.append("(" + ", ".join(f"{n}={k[i]:g}" for n, k, i in zip(names, knots, index, strict=True)) + ")")
     more = f", … {len(points) - LISTED} more" if len(points) > LISTED else ""
     return ", ".join(texts) + more
+
+
+def body_generators(
+    bodies: Iterable[Body],
+    total: int,
+    nodes: Nodes,
+    *,
+    eps: float,
+    dtype: np.dtype[Any],
+    backend: str | Backend | None,
+    progress: Callable[[int, int], object] | None,
+) -> NDArray[Any]:
+    """Shape generators of exactly `total` single bodies, consumed one by one: (total, *nodes.shape)."""
+    u = np.empty((total, *nodes.shape), dtype=dtype)
+    done = 0
+    for body in bodies:
+        if done == total:
+            raise ShapeError("bodies", f"has more than {total} entries", "give one body per grid point")
+        generator = far_field(body, nodes, eps=eps, dtype=dtype, backend=backend)
+        if generator.shape != nodes.shape:
+            lead = generator.shape[: -len(nodes.shape)]
+            raise ShapeError(f"bodies[{done}]", f"is a batch of shape {lead}", "give single bodies")
+        u[done] = generator
+        done += 1
+        if progress is not None:
+            progress(done, total)
+    if done < total:
+        raise ShapeError("bodies", f"has {done} entries", f"give {total}, one per grid point, C order")
+    return u
