@@ -30,13 +30,23 @@ def real_dtype(dtype: Any) -> np.dtype[Any]:
     return np.dtype(REAL_OF[np.dtype(dtype).name])
 
 
+def plain_array(name: str, value: ArrayLike) -> NDArray[Any]:
+    """`value` as an array of whatever dtype it has; ragged nests and masked entries are refused by name."""
+    if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
+        raise ArgumentError(name, "has masked entries", "fill them, for instance with value.filled(0)")
+    try:
+        return np.asarray(value)
+    except ValueError as error:
+        raise ShapeError(name, f"is not an array ({error})", "give rows of equal length") from error
+
+
 def real_array(name: str, value: ArrayLike, dtype: Any, *, check: bool = True) -> NDArray[Any]:
     """`value` as a real array of `dtype`: floats, integers and booleans are converted to it.
 
     Complex, float16, object and string arrays raise `DtypeError`; a value that is not finite
     raises `NonFiniteError` with its first index, unless `check` is false.
     """
-    array = np.asarray(value)
+    array = plain_array(name, value)
     if array.dtype.kind not in "fiub" or array.dtype == np.float16:
         raise DtypeError(name, f"has dtype {array.dtype}", "give float32, float64, integer or boolean values")
     if check:
@@ -50,7 +60,7 @@ def real_array(name: str, value: ArrayLike, dtype: Any, *, check: bool = True) -
 
 def complex_array(name: str, value: ArrayLike, dtype: Any, *, check: bool = True) -> NDArray[Any]:
     """`value` as a complex array of `dtype`; real values are taken as complex ones."""
-    array = np.asarray(value)
+    array = plain_array(name, value)
     if array.dtype.kind not in "cfiub" or array.dtype == np.float16:
         raise DtypeError(name, f"has dtype {array.dtype}", "give complex64 or complex128 values")
     if check:
@@ -77,18 +87,25 @@ def require_finite(name: str, array: NDArray[Any], *, suffix: str = "") -> None:
 
 
 def lengths(name: str, value: Sequence[float] | float, *, dim: int | None = None) -> tuple[float, ...]:
-    """Positive finite lengths, one per axis."""
-    if isinstance(value, (int, float)) and dim is not None:
-        value = (float(value),) * dim
-    try:
-        result = tuple(float(v) for v in value)  # type: ignore[union-attr]
-    except (TypeError, ValueError):
-        raise ArgumentError(name, f"is {value!r}", "give one positive length in metres per axis") from None
-    if dim is not None and len(result) != dim:
-        raise ShapeError(name, f"has {len(result)} entries", f"give {dim}, one per axis")
-    for axis, length in enumerate(result):
+    """Positive finite lengths, one per axis; with `dim`, one number stands for all axes."""
+    array = real_array(name, value, np.float64, check=False)
+    if plain_array(name, value).dtype.kind == "b":
+        raise DtypeError(name, f"is {value!r}", "give numbers, in metres")
+    if array.ndim == 0 and dim is not None:
+        array = np.broadcast_to(array, (dim,))
+    if array.ndim != 1 or (dim is not None and len(array) != dim):
+        raise ShapeError(name, f"has shape {array.shape}", f"give {dim or '2 or 3'} numbers, one per axis")
+    for axis, length in enumerate(array):
         if not (math.isfinite(length) and length > 0):
             raise ArgumentError(name, f"is {length} on axis {axis}", "give a positive finite length")
+    return tuple(float(length) for length in array)
+
+
+def sequence(name: str, value: Any, what: str) -> Sequence[Any]:
+    """A sequence with a length; generators, None and strings are refused."""
+    if isinstance(value, (str, bytes)) or not hasattr(value, "__len__") or not hasattr(value, "__getitem__"):
+        raise DtypeError(name, f"is a {type(value).__name__}", f"give a list of {what}")
+    result: Sequence[Any] = value
     return result
 
 

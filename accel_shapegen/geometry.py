@@ -94,7 +94,7 @@ class Grid:
     @classmethod
     def from_axes(cls, axes: Sequence[ArrayLike]) -> Grid:
         """A tensor grid from its coordinates [m], strictly ascending on each axis, one array per axis."""
-        if len(axes) not in (2, 3):
+        if len(arguments.sequence("axes", axes, "coordinate arrays")) not in (2, 3):
             raise ShapeError("axes", f"has {len(axes)} entries", "give 2 or 3 coordinate arrays")
         checked = []
         for j, axis in enumerate(axes):
@@ -115,6 +115,9 @@ class Grid:
         object.__setattr__(self, "box", box)
         object.__setattr__(self, "axes", axes)
         object.__setattr__(self, "shape", tuple(len(axis) for axis in axes))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return (Grid.from_axes, (self.axes,)) if self.box is None else (Grid, (self.box, self.shape))
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Grid):
@@ -197,7 +200,7 @@ class VoxelGrid:
     def __init__(self, values: ArrayLike, box: Box) -> None:
         if not isinstance(box, Box):
             raise DtypeError("box", f"is a {type(box).__name__}", "give a Box")
-        array = np.asarray(values)
+        array = arguments.plain_array("values", values)
         if array.dtype.kind not in "fiub" or array.dtype == np.float16:
             raise DtypeError("values", f"has dtype {array.dtype}", "give real floats, integers or booleans")
         if array.ndim < box.dim:
@@ -210,6 +213,9 @@ class VoxelGrid:
         view.setflags(write=False)
         object.__setattr__(self, "values", view)
         object.__setattr__(self, "box", box)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return VoxelGrid, (self.values, self.box)
 
     @property
     def dim(self) -> int:
@@ -249,7 +255,7 @@ class TriangleMesh:
         points = arguments.real_array("vertices", vertices, np.float64)
         if points.ndim != 2 or points.shape[1] != 3 or not len(points):
             raise ShapeError("vertices", f"has shape {points.shape}", "give (V, 3), at least one vertex")
-        corners = np.asarray(faces)
+        corners = arguments.plain_array("faces", faces)
         if corners.dtype.kind not in "iu":
             raise DtypeError("faces", f"has dtype {corners.dtype}", "give integer vertex indices")
         if corners.ndim != 2 or corners.shape[1] != 3 or not len(corners):
@@ -266,12 +272,18 @@ class TriangleMesh:
         object.__setattr__(self, "faces", _frozen(corners.astype(np.int64)))
         object.__setattr__(self, "quality", quality)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Arrays come out of a pickle writable; the constructor freezes them again. So for the other classes here.
+        return TriangleMesh, (self.vertices, self.faces, self.quality)
+
     dim = 3
 
     @cached_property
     def bounds(self) -> NDArray[np.float64]:
         """Lower and upper corner [m] of the bounding box of the triangles, shape (2, 3)."""
-        used = self.vertices[np.unique(self.faces)]
+        in_use = np.zeros(len(self.vertices), dtype=bool)
+        in_use[self.faces] = True
+        used = self.vertices[in_use]
         return np.stack([used.min(axis=0), used.max(axis=0)])
 
     @cached_property
@@ -307,7 +319,7 @@ class Polygons:
     quality: Any = None
 
     def __init__(self, rings: Sequence[ArrayLike], quality: Any = None) -> None:
-        if len(rings) == 0:
+        if len(arguments.sequence("rings", rings, "corner arrays")) == 0:
             raise ShapeError("rings", "is empty", "give at least one ring")
         checked = []
         for i, ring in enumerate(rings):
@@ -319,6 +331,9 @@ class Polygons:
             checked.append(_frozen(points))
         object.__setattr__(self, "rings", tuple(checked))
         object.__setattr__(self, "quality", quality)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Polygons, (self.rings, self.quality)
 
     dim = 2
 
