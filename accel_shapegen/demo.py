@@ -1,4 +1,4 @@
-"""The human experiment of Li, Liu, Tsui and Wang (2020), section 5.4, on real bodies.
+"""The human experiment of Li, Liu, Tsui and Wang (2020) on real bodies.
 
 A model learns the shape generators of 25 bodies over height and relative weight, predicts bodies that were in no
 training set, and is compared with what they really look like.
