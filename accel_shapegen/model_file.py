@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
+from . import arguments
 from .errors import MissingFileError, ModelFileError, ShapegenError
 from .geometry import Box
 from .nodes import FourierLattice, Nodes, ScatteredNodes
@@ -70,7 +71,10 @@ def read(path: Path) -> tuple[tuple[SplineAxis, ...], NDArray[Any], Nodes]:
             with np.load(file, allow_pickle=False) as arrays:
                 header = json.loads(bytes(arrays["header"]).decode())
                 _require_format(header, path)
-                return _axes(header, arrays), arrays["coefficients"], _nodes(header["nodes"], arrays)
+                axes, nodes = _axes(header, arrays), _nodes(header["nodes"], arrays)
+                coefficients = arrays["coefficients"]
+                _require_coefficients(coefficients, axes, nodes)
+                return axes, coefficients, nodes
         except ModelFileError:
             raise
         except (KeyError, TypeError, ValueError, OSError, zipfile.BadZipFile, ShapegenError) as error:
@@ -101,8 +105,18 @@ def _nodes(header: dict[str, Any], arrays: Any) -> Nodes:
     raise ValueError(f"nodes of kind {header['kind']!r}")
 
 
-def _require_format(header: dict[str, Any], path: Path) -> None:
-    if header.get("format") != FORMAT:
+def _require_coefficients(coefficients: NDArray[Any], axes: tuple[SplineAxis, ...], nodes: Nodes) -> None:
+    """A checksum proves that the file is as it was written, not who wrote it."""
+    shape = (*(axis.size for axis in axes), *nodes.shape)
+    if not axes or not all(isinstance(axis.name, str) for axis in axes):
+        raise ValueError("no named characteristic values")
+    if coefficients.dtype.name not in arguments.REAL_OF or coefficients.shape != shape:
+        raise ValueError(f"coefficients are {coefficients.dtype} of shape {coefficients.shape}, not complex of {shape}")
+    arguments.require_finite("coefficients", coefficients)
+
+
+def _require_format(header: Any, path: Path) -> None:
+    if not isinstance(header, dict) or header.get("format") != FORMAT:
         raise ModelFileError(str(path), "is not a model of this package", "give a file that ShapeModel.save wrote")
     if header.get("version") != VERSION:
         raise ModelFileError(

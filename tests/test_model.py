@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
+import io
+import json
+import zipfile
 from itertools import product
 from pathlib import Path
 
@@ -208,6 +212,63 @@ def test_unreadable_models(tmp_path: Path) -> None:
     np.savez(tmp_path / "other.npz", a=np.arange(100))
     with pytest.raises(ModelFileError, match="is cut short, or is not a model"):
         ShapeModel.load(tmp_path / "other.npz")
+
+
+def member(array: np.ndarray) -> bytes:
+    buffer = io.BytesIO()
+    np.save(buffer, array, allow_pickle=True)
+    return buffer.getvalue()
+
+
+def with_header(**changes):
+    def change(members: dict[str, bytes]) -> None:
+        header = json.loads(np.load(io.BytesIO(members["header.npy"])).tobytes())
+        members["header.npy"] = member(np.frombuffer(json.dumps({**header, **changes}).encode(), dtype=np.uint8))
+
+    return change
+
+
+def with_member(name: str, array: np.ndarray):
+    return lambda members: members.update({f"{name}.npy": member(array)})
+
+
+HUGE = {"kind": "lattice", "box": [1, 1], "order": [10**6, 10**6], "mu": 0.1}
+
+
+@pytest.mark.parametrize(
+    "forge",
+    [
+        with_member("coefficients", np.ones((3, *LATTICE.shape), complex)),
+        with_member("coefficients", np.ones((4, *LATTICE.shape))),
+        with_member("coefficients", np.full((4, *LATTICE.shape), np.nan + 0j)),
+        with_member("coefficients", np.array([{}], dtype=object)),
+        with_member("knots_0", np.array([0, np.nan, 2.0, 3.0])),
+        with_member("knots_0", np.arange(5.0)),
+        with_member("header", np.frombuffer(b"[1, 2]", dtype=np.uint8)),
+        lambda members: members.pop("knots_0.npy"),
+        lambda members: members.update({"header.npy": b"junk"}),
+        with_header(axes=[]),
+        with_header(axes=3),
+        with_header(axes=[{"name": 5, "boundary": "natural", "basis": "auto", "form": "cardinal"}]),
+        with_header(nodes={"kind": "other"}),
+        with_header(nodes=HUGE),
+        with_header(version=99),
+    ],
+)
+def test_forged_models_with_a_valid_checksum(tmp_path: Path, forge, rng: np.random.Generator) -> None:
+    path = ShapeModel.fit(KNOTS[:1], generators(KNOTS[:1], LATTICE, rng), LATTICE).save(tmp_path / "model.npz")
+    with zipfile.ZipFile(path) as archive:
+        members = {name: archive.read(name) for name in archive.namelist()}
+    forge(members)
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w") as archive:
+        archive.comment = b"sha256:" + b"0" * 64
+        for name, content in members.items():
+            archive.writestr(name, content)
+    body = buffer.getvalue()[:-64]
+    path.write_bytes(body + hashlib.sha256(body).hexdigest().encode())
+    with pytest.raises(ModelFileError, match=r"model\.npz"):
+        ShapeModel.load(path)
 
 
 def test_saving_into_a_folder_that_is_not_there(tmp_path: Path, rng: np.random.Generator) -> None:
