@@ -122,6 +122,7 @@ class ShapeModel:
         if generators.shape != shape:
             raise ShapeError("u", f"has shape {generators.shape}", f"give {shape}: the knots, then the nodes")
         arguments.require_finite("u", generators)
+        generators = generators.astype(generators.dtype.newbyteorder("="), copy=False)
         coefficients = splines.prefilter(axes, np.ascontiguousarray(generators).reshape(*shape[: len(axes)], -1))
         if np.may_share_memory(coefficients, generators):
             # The model freezes its coefficients; the caller's array stays the caller's.

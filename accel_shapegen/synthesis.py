@@ -260,7 +260,7 @@ def _generators(u: ArrayLike, lattice: FourierLattice, *, check: bool) -> NDArra
     if array.dtype.name not in arguments.REAL_OF:
         raise DtypeError("u", f"has dtype {array.dtype}", "give complex64 or complex128 values")
     batches.leading("u", array.shape, lattice.shape)
-    return arguments.complex_array("u", array, array.dtype, check=check)
+    return arguments.complex_array("u", array, array.dtype.newbyteorder("="), check=check)
 
 
 def _axis(lattice: FourierLattice, grid: Grid, j: int, frames: list[Frame]) -> TensorAxis:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import pickle
+import subprocess
+import sys
 from importlib.metadata import EntryPoint
 
 import numpy as np
@@ -104,3 +106,27 @@ def test_errors_read_well_and_survive_pickling(error: type[ShapegenError]) -> No
     assert str(raised) == "knots: fall at index 3; sort them"
     again = pickle.loads(pickle.dumps(raised))
     assert (type(again), str(again), again.subject) == (error, str(raised), "knots")
+
+
+def test_a_forked_child_is_refused_not_left_waiting() -> None:
+    """The driver's threads stay in the parent; the child would wait for them for ever."""
+    code = """
+import os, sys
+import numpy as np
+import accel_shapegen as asg
+grid, lattice = asg.Grid(asg.Box((1, 1)), 4), asg.FourierLattice(asg.Box((1, 1)), 2)
+plan = asg.plan_far_field(grid, lattice, backend="opencl")
+plan.apply(np.ones((4, 4)))
+child = os.fork()
+if child == 0:
+    refused = 0
+    for call in (lambda: plan.apply(np.ones((4, 4))), lambda: asg.plan_far_field(grid, lattice, backend="opencl")):
+        try:
+            call()
+        except asg.errors.BackendError as error:
+            refused += "before this process was forked" in str(error)
+    os._exit(refused)
+print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
+    assert done.stdout.split() == ["2"], done.stderr

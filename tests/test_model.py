@@ -93,6 +93,15 @@ def test_prediction_is_linear_and_independent_of_its_batch(opencl: Backend, rng:
     np.testing.assert_array_equal(model.predict(QUERIES[1]), model.predict(QUERIES)[1])
 
 
+def test_byte_order_does_not_matter(rng: np.random.Generator) -> None:
+    u = generators(KNOTS[:1], LATTICE, rng)
+    native, swapped = (ShapeModel.fit(KNOTS[:1], data, LATTICE).predict([[1.7]]) for data in (u, u.astype(">c16")))
+    np.testing.assert_array_equal(swapped, native)
+    grid = Grid(Box((1.0, 1.0)), 4)
+    field = asg.synthesize(native.astype(">c16"), LATTICE, grid)
+    np.testing.assert_array_equal(field, asg.synthesize(native, LATTICE, grid))
+
+
 def test_extrapolates_along_the_tangent(rng: np.random.Generator) -> None:
     u = generators(KNOTS[:1], LATTICE, rng)
     model = ShapeModel.fit(KNOTS[:1], u, LATTICE)
@@ -242,6 +251,8 @@ HUGE = {"kind": "lattice", "box": [1, 1], "order": [10**6, 10**6], "mu": 0.1}
         with_member("coefficients", np.ones((4, *LATTICE.shape))),
         with_member("coefficients", np.full((4, *LATTICE.shape), np.nan + 0j)),
         with_member("coefficients", np.array([{}], dtype=object)),
+        with_member("coefficients", np.ones((4, *LATTICE.shape), dtype=">c16")),
+        with_member("header", np.frombuffer(b"[" * 100_000, dtype=np.uint8)),
         with_member("knots_0", np.array([0, np.nan, 2.0, 3.0])),
         with_member("knots_0", np.arange(5.0)),
         with_member("header", np.frombuffer(b"[1, 2]", dtype=np.uint8)),
