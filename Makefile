@@ -1,5 +1,5 @@
 # Two commands do all the set-up, without root: `make demo` and `make test`.
-# Everything they make lies in this folder: .venv, out/, and the tools' caches.
+# All they make lies in this folder, apart from what pip, PoCL and Matplotlib keep in the user's own cache.
 
 # A Python of 3.11 or later; `make PYTHON=/path/to/python demo` names another.
 PYTHON ?= $(shell for p in python3.11 python3.12 python3.13 python3.14 python3 python; do \
