@@ -1,7 +1,7 @@
 """Device code, and the only reader of it.
 
 Installed as `accel_shapegen.kernels`. Imports nothing from the package around it, so that kernels can be
-read, compiled and measured without it. One folder per backend; one operation per file.
+read, compiled and measured without it. One folder per backend; a file holds one operation or one stage of it.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def source(name: str, backend: str = "opencl") -> str:
     Parameters
     ----------
     name : str
-        The operation, without a suffix: "tensor_transform".
+        A file's name without its suffix: "tensor_transform".
     backend : str
         A backend whose kernels are source text: "opencl".
 

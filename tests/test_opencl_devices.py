@@ -232,11 +232,11 @@ def test_headers_are_put_in() -> None:
 
 def test_more_than_the_memory_is_refused(opencl: Backend) -> None:
     runtime = runtime_of(opencl)
-    with pytest.raises(DeviceMemoryError, match="batch: needs"):
-        runtime.require("batch", runtime.memory_bytes + 1, 1)
+    with pytest.raises(DeviceMemoryError, match=r"^transform: needs .*; do less$"):
+        runtime.require("transform", runtime.memory_bytes + 1, 1, "do less")
     with pytest.raises(DeviceMemoryError, match="in one piece"):
-        runtime.require("batch", 1, int(runtime.device.max_mem_alloc_size) + 1)
-    runtime.require("batch", 1, 1)
+        runtime.require("transform", 1, int(runtime.device.max_mem_alloc_size) + 1, "do less")
+    runtime.require("transform", 1, 1, "do less")
 
 
 def test_aligned_arrays_start_on_a_page() -> None:

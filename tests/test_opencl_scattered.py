@@ -304,7 +304,7 @@ def test_wrong_arrays(opencl: Backend, rng: np.random.Generator) -> None:
 def test_too_large_for_the_device(opencl: Backend, rng: np.random.Generator) -> None:
     # 20,000³ voxels: 32 TB of folded voxels, refused before anything is allocated.
     kappa = rng.uniform(-1, 1, (10, 3))
-    with pytest.raises(DeviceMemoryError):
+    with pytest.raises(DeviceMemoryError, match="give fewer grid points"):
         opencl.plan_scattered_transform(make_spec(rng, ((20000,) * 3, (1e-4,) * 3), 1e-3, "float32", kappa=kappa))
 
 

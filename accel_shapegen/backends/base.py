@@ -170,7 +170,7 @@ class DeviceInfo:
     backend: str
     index: int
     name: str
-    kind: str  # "cpu" or "gpu"
+    kind: str  # "cpu", "gpu" or "accelerator"; "none" where a platform has no device
     platform: str = ""
     version: str = ""
     memory_bytes: int = 0

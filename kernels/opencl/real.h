@@ -3,9 +3,10 @@
  * REAL_BITS (32 or 64) chooses the type of every real in a program. Host arrays are aligned to their element only,
  * so vectors are read and written through types of that alignment. A plain dereference compiles to one unaligned
  * move; vload8 is a real function call on some CPU runtimes (PoCL 3.0 with LLVM 14) and spills all accumulators
- * around it. USE_VLOAD=1 is for devices whose compiler refuses the attribute.
+ * around it. USE_VLOAD=1 is for devices whose compiler may not honour the attribute: GPUs.
  *
- * `vec` holds LANES reals, 32 bytes unless the host says otherwise: one register of most CPUs.
+ * `vec` holds LANES reals, 32 bytes unless the host says otherwise: one register of most CPUs. `pairs` holds LANES
+ * complex numbers, where there is a vector type for as many.
  *
  * Write a*b + c, never fma() or mad(): both are library calls there, and contraction is on.
  */
@@ -43,6 +44,13 @@ typedef float16 real16;
 #define JOIN_(a, b) a##b
 #define JOIN(a, b) JOIN_(a, b)
 typedef JOIN(real, LANES) vec;
+#if LANES <= 8
+#define PAIR_LANES JOIN(TWICE_, LANES)
+#define TWICE_2 4
+#define TWICE_4 8
+#define TWICE_8 16
+typedef JOIN(real, PAIR_LANES) pairs;
+#endif
 
 /* The lanes of a vec from last to first. */
 #if LANES == 4
@@ -58,6 +66,8 @@ typedef JOIN(real, LANES) vec;
 #define STORE8(v, p) vstore8((v), 0, (p))
 #define LOADV(p) JOIN(vload, LANES)(0, (p))
 #define STOREV(v, p) JOIN(vstore, LANES)((v), 0, (p))
+#define LOAD_PAIRS(p) JOIN(vload, PAIR_LANES)(0, (p))
+#define STORE_PAIRS(v, p) JOIN(vstore, PAIR_LANES)((v), 0, (p))
 #else
 typedef real8 real8_unaligned __attribute__((aligned(REAL_BITS / 8)));
 typedef vec vec_unaligned __attribute__((aligned(REAL_BITS / 8)));
@@ -65,6 +75,11 @@ typedef vec vec_unaligned __attribute__((aligned(REAL_BITS / 8)));
 #define STORE8(v, p) (*(__global real8_unaligned *)(p) = (v))
 #define LOADV(p) (*(const __global vec_unaligned *)(p))
 #define STOREV(v, p) (*(__global vec_unaligned *)(p) = (v))
+#if LANES <= 8
+typedef pairs pairs_unaligned __attribute__((aligned(REAL_BITS / 8)));
+#define LOAD_PAIRS(p) (*(const __global pairs_unaligned *)(p))
+#define STORE_PAIRS(v, p) (*(__global pairs_unaligned *)(p) = (v))
+#endif
 #endif
 
 #endif

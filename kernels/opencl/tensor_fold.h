@@ -13,6 +13,7 @@
 #define PARTS(axis) ((axis).s1)
 #define HALF(axis) ((axis).s2)
 #define ROWS(axis) ((axis).s3)
+#define TOTAL(axis) (PARTS(axis) * ROWS(axis))
 
 /* `DO` at j = 0, LANES, 2 LANES, ..; a last vector that would not fit ends with the row instead. Needs cols >= LANES. */
 #define FOR_VECTORS(j, cols, DO) \
@@ -55,7 +56,7 @@
     else FOR_ELEMENTS(j, cols, DO(real, GET, PUT))
 
 /* Rows of `in` (its first `cols` columns, `ldi` apart) -> parts, of rows `ld` apart. Not for 1 part. */
-inline void fold_rows(const int4 axis, const int cols, __global const real *in, const int ldi,
+static inline void fold_rows(const int4 axis, const int cols, __global const real *in, const int ldi,
                       __global const real *mask, __global real *out, const int ld)
 {
     const int n = POINTS(axis), middle = (n + 1) / 2, step = HALF(axis) * ld;
@@ -75,7 +76,7 @@ inline void fold_rows(const int4 axis, const int cols, __global const real *in, 
 }
 
 /* The transpose: parts -> rows. */
-inline void unfold_rows(const int4 axis, const int cols, __global const real *in, const int ld,
+static inline void unfold_rows(const int4 axis, const int cols, __global const real *in, const int ld,
                         __global const real *mask, __global real *out, const int ldo)
 {
     const int n = POINTS(axis), middle = (n + 1) / 2, step = HALF(axis) * ld;
@@ -95,7 +96,7 @@ inline void unfold_rows(const int4 axis, const int cols, __global const real *in
 }
 
 /* The same for 2 parts along the columns of each row: in[r, n] -> out[r, 2 * half]. */
-inline void fold_columns(const int4 axis, const int rows, __global const real *in, const int ldi,
+static inline void fold_columns(const int4 axis, const int rows, __global const real *in, const int ldi,
                          __global const real *mask, __global real *out)
 {
     const int n = POINTS(axis), span = HALF(axis);
@@ -112,7 +113,7 @@ inline void fold_columns(const int4 axis, const int rows, __global const real *i
     }
 }
 
-inline void unfold_columns(const int4 axis, const int rows, __global const real *in, __global const real *mask,
+static inline void unfold_columns(const int4 axis, const int rows, __global const real *in, __global const real *mask,
                            __global real *out, const int ldo)
 {
     const int n = POINTS(axis), span = HALF(axis);

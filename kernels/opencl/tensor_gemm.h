@@ -19,7 +19,7 @@
 #define STORE_NARROW(i) STOREV(a##i, C + i * ldc);
 
 /* h is a literal at every call, so that inlining leaves exactly h rows. */
-inline void block_wide(const int h, const int depth, __global const real *L, const int ldl,
+static inline void block_wide(const int h, const int depth, __global const real *L, const int ldl,
                        __global const real *M, const int ldm, __global real *C, const int ldc)
 {
     DECLARE(0) DECLARE(1) DECLARE(2) DECLARE(3) DECLARE(4) DECLARE(5)
@@ -31,7 +31,7 @@ inline void block_wide(const int h, const int depth, __global const real *L, con
     FOR_ROWS(h, STORE_WIDE)
 }
 
-inline void block_narrow(const int h, const int depth, __global const real *L, const int ldl,
+static inline void block_narrow(const int h, const int depth, __global const real *L, const int ldl,
                          __global const real *M, const int ldm, __global real *C, const int ldc)
 {
     DECLARE(0) DECLARE(1) DECLARE(2) DECLARE(3) DECLARE(4) DECLARE(5)
@@ -53,7 +53,7 @@ inline void block_narrow(const int h, const int depth, __global const real *L, c
     }
 
 /* rows × depth times depth × cols; ldl, ldm, ldc are row lengths in memory. */
-inline void gemm(const int rows, const int cols, const int depth, __global const real *L, const int ldl,
+static inline void gemm(const int rows, const int cols, const int depth, __global const real *L, const int ldl,
                  __global const real *M, const int ldm, __global real *C, const int ldc)
 {
     for (int r = 0; r < rows; r += BLOCK_ROWS) {

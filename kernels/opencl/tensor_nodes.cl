@@ -9,17 +9,8 @@
 #include "real.h"
 #include "tensor_fold.h"
 
-#define TOTAL(axis) (PARTS(axis) * ROWS(axis))
-
-#if LANES == 4
-typedef real8 pairs;
-#else
-typedef real16 pairs;
-#endif
-typedef pairs pairs_unaligned __attribute__((aligned(REAL_BITS / 8)));
-
 /* LANES reals, or `count` of them and zeros. */
-inline vec get(__global const real *p, const int count)
+static inline vec get(__global const real *p, const int count)
 {
     if (count >= LANES) return LOADV(p);
     real lanes[LANES];
@@ -27,7 +18,7 @@ inline vec get(__global const real *p, const int count)
     return JOIN(vload, LANES)(0, lanes);
 }
 
-inline void put(const vec v, __global real *p, const int count)
+static inline void put(const vec v, __global real *p, const int count)
 {
     if (count >= LANES) {
         STOREV(v, p);
@@ -39,10 +30,10 @@ inline void put(const vec v, __global real *p, const int count)
 }
 
 /* The same for complex numbers at p, p + step, p + 2 step, ..; step is 1 or -1. */
-inline void get_pairs(__global const real2 *p, const int step, const int count, vec *re, vec *im)
+static inline void get_pairs(__global const real2 *p, const int step, const int count, vec *re, vec *im)
 {
     if (count >= LANES) {
-        const pairs v = *(__global const pairs_unaligned *)(step > 0 ? p : p - LANES + 1);
+        const pairs v = LOAD_PAIRS((__global const real *)(step > 0 ? p : p - LANES + 1));
         *re = step > 0 ? v.even : REVERSE(v.even);
         *im = step > 0 ? v.odd : REVERSE(v.odd);
         return;
@@ -56,13 +47,13 @@ inline void get_pairs(__global const real2 *p, const int step, const int count, 
     *im = JOIN(vload, LANES)(0, i);
 }
 
-inline void put_pairs(const vec re, const vec im, __global real2 *p, const int step, const int count)
+static inline void put_pairs(const vec re, const vec im, __global real2 *p, const int step, const int count)
 {
     if (count >= LANES) {
         pairs v;
         v.even = step > 0 ? re : REVERSE(re);
         v.odd = step > 0 ? im : REVERSE(im);
-        *(__global pairs_unaligned *)(step > 0 ? p : p - LANES + 1) = v;
+        STORE_PAIRS(v, (__global real *)(step > 0 ? p : p - LANES + 1));
         return;
     }
     real r[LANES], i[LANES];
@@ -72,43 +63,43 @@ inline void put_pairs(const vec re, const vec im, __global real2 *p, const int s
 }
 
 /* (re, im) *= (cr, sign * ci) */
-inline void multiply(vec *re, vec *im, const vec cr, const vec ci, const real sign)
+static inline void multiply(vec *re, vec *im, const vec cr, const vec ci, const real sign)
 {
     const vec r = *re * cr - sign * (*im * ci);
     *im = sign * (*re * ci) + *im * cr;
     *re = r;
 }
 
-inline real2 times(const real2 a, const real2 b)
+static inline real2 times(const real2 a, const real2 b)
 {
     return (real2)(a.x * b.x - a.y * b.y, a.x * b.y + a.y * b.x);
 }
 
-inline real2 conjugate(const real2 a)
+static inline real2 conjugate(const real2 a)
 {
     return (real2)(a.x, -a.y);
 }
 
 /* Row of cos m (odd = 0) or sin m (odd = 1) among the rows of an axis with h frequencies. */
-inline int row_of(const int4 axis, const int h, const int m, const int odd)
+static inline int row_of(const int4 axis, const int h, const int m, const int odd)
 {
     return PARTS(axis) == 4 ? (2 * odd + ((m ^ odd) & 1)) * ROWS(axis) + m / 2 : odd * h + m;
 }
 
 /* Offset in w of cos m1 or sin m1 times cos m2 or sin m2. */
-inline size_t w_at(const int4 x, const int4 y, const int4 z, const int4 h, const int body, const int row1,
+static inline size_t w_at(const int4 x, const int4 y, const int4 z, const int4 h, const int body, const int row1,
                    const int m2, const int odd2)
 {
     return (((size_t)body * TOTAL(x) + row1) * TOTAL(y) + row_of(y, h.s1, m2, odd2)) * TOTAL(z);
 }
 
 /* Index of the node (s1 m1, s2 m2, 0) in a body's lattice. */
-inline int lattice_row(const int4 h, const int s1m1, const int s2m2)
+static inline int lattice_row(const int4 h, const int s1m1, const int s2m2)
 {
     return ((h.s0 - 1 + s1m1) * (2 * h.s1 - 1) + h.s1 - 1 + s2m2) * (2 * h.s2 - 1) + h.s2 - 1;
 }
 
-inline int nodes_of(const int4 h)
+static inline int nodes_of(const int4 h)
 {
     return (2 * h.s0 - 1) * (2 * h.s1 - 1) * (2 * h.s2 - 1);
 }

@@ -17,10 +17,9 @@
 /* DIM is 2 or 3. Tables of body b start at b * stride; stride 0 means that all bodies share one. */
 #define OF_BODY(table) (table + (size_t)body * table##_stride)
 #define TABLE(name) __global const real *name, const int name##_stride
-#define TOTAL(axis) (PARTS(axis) * ROWS(axis))
 
 /* in[rows, n3] -> out[rows, P3] and back; `room` takes the folded rows. */
-inline void last_axis_forward(const int4 z, const int rows, __global const real *in, const int ldi,
+static inline void last_axis_forward(const int4 z, const int rows, __global const real *in, const int ldi,
                               __global const real *matrix, __global const real *mask, __global real *room,
                               __global real *out)
 {
@@ -30,7 +29,7 @@ inline void last_axis_forward(const int4 z, const int rows, __global const real 
              matrix + (size_t)part * HALF(z) * ROWS(z), ROWS(z), out + part * ROWS(z), TOTAL(z));
 }
 
-inline void last_axis_adjoint(const int4 z, const int rows, __global const real *in, __global const real *matrix,
+static inline void last_axis_adjoint(const int4 z, const int rows, __global const real *in, __global const real *matrix,
                               __global const real *mask, __global real *room, __global real *out, const int ldo)
 {
     for (int part = 0; part < PARTS(z); ++part)
@@ -40,7 +39,7 @@ inline void last_axis_adjoint(const int4 z, const int rows, __global const real 
 }
 
 /* in[n, cols] -> out[P, cols] and back, for an axis that is not the last; `room` takes parts × half rows of `ld`. */
-inline void axis_forward(const int4 axis, const int cols, __global const real *in, const int ldi,
+static inline void axis_forward(const int4 axis, const int cols, __global const real *in, const int ldi,
                          __global const real *matrix, __global const real *mask, __global real *room, const int ld,
                          __global real *out, const int ldo)
 {
@@ -51,7 +50,7 @@ inline void axis_forward(const int4 axis, const int cols, __global const real *i
              folds ? room + part * HALF(axis) * ld : in, folds ? ld : ldi, out + (size_t)part * ROWS(axis) * ldo, ldo);
 }
 
-inline void axis_adjoint(const int4 axis, const int cols, __global const real *in, const int ldi,
+static inline void axis_adjoint(const int4 axis, const int cols, __global const real *in, const int ldi,
                          __global const real *matrix, __global const real *mask, __global real *room, const int ld,
                          __global real *out, const int ldo)
 {

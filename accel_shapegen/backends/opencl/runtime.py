@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -18,7 +18,7 @@ from accel_shapegen import kernels
 from ...errors import ArgumentError, BackendError, DeviceMemoryError, DtypeError, ShapeError
 from .devices import memory_bytes
 
-ALIGNMENT = 4096  # page-aligned outputs may be written with non-temporal vector stores
+ALIGNMENT = 4096  # a page: some CPU drivers work in place only on memory that starts on one
 _INCLUDE = re.compile(r'^#include "([\w.]+)"$', flags=re.MULTILINE)
 
 
@@ -49,7 +49,8 @@ class Runtime:
         self, name: str, dtype: np.dtype[Any], defines: Mapping[str, int] | None = None
     ) -> dict[str, cl.Kernel]:
         """The kernels of `kernels/opencl/<name>.cl` built for a real dtype and these `-D` options."""
-        defines = {"REAL_BITS": dtype.itemsize * 8, **(defines or {})}
+        # Only CPU compilers are known to take under-aligned vector types; vload is right everywhere.
+        defines = {"REAL_BITS": dtype.itemsize * 8, "USE_VLOAD": int(not self.shares_host_memory), **(defines or {})}
         if dtype == np.float64 and "cl_khr_fp64" not in self.device.extensions:
             raise BackendError(self.device.name, "has no float64", 'ask for dtype="complex64"')
         key = (name, *sorted(defines.items()))
@@ -86,15 +87,15 @@ class Runtime:
                 'start workers by "spawn" or "forkserver", or touch OpenCL first in the worker',
             )
 
-    def require(self, subject: str, nbytes: int, largest: int) -> None:
-        """Refuse a plan that cannot fit before anything is allocated."""
+    def require(self, subject: str, nbytes: int, largest: int, remedy: str) -> None:
+        """Refuse a plan that cannot fit before anything is allocated: `nbytes` in all, `largest` in one buffer."""
         available, single = self.memory_bytes, int(self.device.max_mem_alloc_size)
         if nbytes > available or largest > single:
             raise DeviceMemoryError(
                 subject,
                 f"needs {nbytes / 2**20:.0f} MiB, {largest / 2**20:.0f} MiB in one piece, on {self.device.name} "
                 f"({available / 2**20:.0f} MiB, {single / 2**20:.0f} MiB)",
-                "give a smaller batch",
+                remedy,
             )
 
     def constant(self, array: NDArray[Any]) -> cl.Buffer:
@@ -117,30 +118,53 @@ class Runtime:
             return cl.Buffer(self.context, cl.mem_flags.READ_WRITE | cl.mem_flags.USE_HOST_PTR, hostbuf=array)
         return cl.Buffer(self.context, cl.mem_flags.READ_WRITE, size=array.nbytes)
 
-    @contextmanager
-    def gather(self) -> Iterator[Callable[[cl.Buffer, NDArray[Any]], None]]:
-        """Yields a `fetch` that may wait until the end: devices with memory of their own free each piece at once.
+    def in_chunks(
+        self, chunk: int, enqueue: Callable[..., None], sources: Sequence[NDArray[Any]], out: NDArray[Any]
+    ) -> NDArray[Any]:
+        """Fill `out`, `chunk` bodies at a time, by enqueue(part, *inputs, output); `part` is the slice of bodies."""
+        self.require_own_process()
+        with self.settled():
+            starts = range(0, len(out), chunk)
+            parts = [slice(start, min(start + chunk, len(out))) for start in starts]
+            # In place, one wait at the end is enough; devices with memory of their own hold one chunk at a time.
+            pending = [self._start(part, enqueue, sources, out[part]) for part in parts]
+            for output, part in zip(pending, parts, strict=True):
+                if output is not None:
+                    self.fetch(output, out[part])
+        return out
 
-        Leaves nothing running when an exception, such as a keyboard interrupt, ends the call: kernels may be working
-        in host arrays that are about to be freed.
+    def _start(
+        self, part: slice, enqueue: Callable[..., None], sources: Sequence[NDArray[Any]], out: NDArray[Any]
+    ) -> cl.Buffer | None:
+        """Enqueue one chunk; its output, unless it is home already."""
+        inputs, output = [self.input(source[part]) for source in sources], self.output(out)
+        with self.lock:
+            enqueue(part, *inputs, output)
+        if self.shares_host_memory:
+            return output
+        self.fetch(output, out)
+        return None
+
+    @contextmanager
+    def settled(self) -> Iterator[None]:
+        """Leaves nothing running when an exception, such as a keyboard interrupt, ends the block.
+
+        Kernels may be working in host arrays that are about to be freed.
         """
-        later: list[tuple[cl.Buffer, NDArray[Any]]] = []
         try:
-            yield (lambda buffer, array: later.append((buffer, array))) if self.shares_host_memory else self.fetch
-            for buffer, array in later:
-                self.fetch(buffer, array)
+            yield
         except BaseException:
             self.queue.finish()
             raise
 
     def fetch(self, buffer: cl.Buffer, array: NDArray[Any]) -> None:
-        """Wait for the queue and bring an output home."""
+        """Wait for what was enqueued so far and bring an output home."""
         if self.shares_host_memory:
             mapped, _ = cl.enqueue_map_buffer(
                 self.queue, buffer, cl.map_flags.READ, 0, array.shape, array.dtype, is_blocking=True
             )
-            mapped.base.release(self.queue)
-            self.queue.finish()
+            # Not `finish`: that would wait for other threads' calls too.
+            mapped.base.release(self.queue).wait()
         else:
             cl.enqueue_copy(self.queue, array, buffer, is_blocking=True)
 
@@ -189,6 +213,12 @@ def output_array(
     if any(array is not None and np.may_share_memory(out, array) for array in inputs):
         raise ArgumentError("out", "overlaps an input in memory", "give an array of its own")
     return out
+
+
+def require_bodies(name: str, count: int, batch: int) -> None:
+    """Refuse an input whose number of bodies a plan for `batch` cannot take."""
+    if not 1 <= count <= batch:
+        raise ShapeError(name, f"holds {count} bodies", f"give 1 to {batch}, or plan a larger batch")
 
 
 def _require_shape(name: str, array: NDArray[Any], shape: tuple[int | None, ...]) -> None:

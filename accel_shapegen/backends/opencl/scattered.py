@@ -12,21 +12,17 @@ Source: A. H. Barnett, J. Magland, L. af Klinteberg, SIAM J. Sci. Comput. 41 (20
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pyopencl as cl
-from numpy.typing import NDArray
 
-from ...errors import ArgumentError, ShapeError
-from ..base import ScatteredSpec
+from ...errors import ArgumentError
+from ..base import Array, ScatteredSpec
 from .kernel_window import Window, candidates
-from .runtime import Runtime, input_array, output_array
+from .runtime import Runtime, input_array, output_array, require_bodies
 from .scattered_lattice import Band, CentredNodes, cost, crowding, padded
 from .scattered_layout import Product, Sizes, last_matrices, node_tables
-
-Array = NDArray[Any]
 
 # The worst voxel still has a window here, rounding included (see `Window.rounding`), and a third of 3 eps covers the
 # growth of rounding with the length of sums up to some 500 points per axis.
@@ -87,11 +83,15 @@ class OpenCLScatteredPlan:
         per_body = (sum(sizes.turns) + 2 * nodes) * real + 4 * (hx * hy + hx + 1)
         self._chunk = min(max(CHUNK_BYTES // per_body, 1), spec.batch)
         records = nodes * (sizes.lanes + sizes.width[0] + sizes.width[1] + 3) * real
-        # Where the device has its own memory, all bodies and transforms of a call are there at once.
-        bodies = 0 if runtime.shares_host_memory else spec.batch
+        # Where the device has its own memory, a chunk of bodies and of transforms is there at once.
+        bodies = 0 if runtime.shares_host_memory else self._chunk
         values, transforms = bodies * math.prod(spec.shape) * real, bodies * 2 * nodes * real
-        total = self._chunk * per_body + records + 16 * nodes + values + transforms
-        runtime.require("batch", total, max(self._chunk * max(sizes.turns) * real, records, values, transforms))
+        matrices = [2 * half * padded(count) * real for half, count in zip(sizes.half, sizes.count, strict=True)]
+        tables = sum(matrices) + matrices[2] + records + 16 * nodes + 4 * math.prod(sizes.bins)
+        largest = max(self._chunk * max(sizes.turns) * real, records, values, transforms, *matrices)
+        total = self._chunk * per_body + tables + values + transforms
+        # One body makes a chunk where it has to, so that a smaller batch would need no less.
+        runtime.require("transform", total, largest, "give fewer grid points, fewer nodes or a larger eps")
         self._turns = [runtime.scratch(self._chunk * turn * real) for turn in sizes.turns]
         self._strengths = runtime.scratch(self._chunk * 2 * nodes * real)
         self._reach = [runtime.scratch(4 * self._chunk * count) for count in (hx * hy, hx, 1)]
@@ -144,9 +144,9 @@ class OpenCLScatteredPlan:
         """
         spec = self._spec
         values = input_array("values", values, spec.dtype, (None, *spec.shape))
-        self._require_bodies("values", len(values))
+        require_bodies("values", len(values), spec.batch)
         out = output_array(out, self._complex, (len(values), len(spec.kappa)), values)
-        return self._apply(self._enqueue_forward, values, out)
+        return self._runtime.in_chunks(self._chunk, self._enqueue_forward, [values], out)
 
     def adjoint(self, u: Array, out: Array | None = None) -> Array:
         """(b, J) complex → (b, *shape) real, 1 ≤ b ≤ batch: the transpose of what `forward` computes, for Re⟨·,·⟩.
@@ -155,28 +155,12 @@ class OpenCLScatteredPlan:
         """
         spec = self._spec
         u = input_array("u", u, self._complex, (None, len(spec.kappa)))
-        self._require_bodies("u", len(u))
+        require_bodies("u", len(u), spec.batch)
         out = output_array(out, spec.dtype, (len(u), *spec.shape), u)
-        return self._apply(self._enqueue_adjoint, u, out)
+        return self._runtime.in_chunks(self._chunk, self._enqueue_adjoint, [u], out)
 
-    def _require_bodies(self, name: str, count: int) -> None:
-        if not 1 <= count <= self._spec.batch:
-            raise ShapeError(name, f"holds {count} bodies", f"give 1 to {self._spec.batch}, or plan a larger batch")
-
-    def _apply(self, enqueue: Callable[[int, cl.Buffer, cl.Buffer], None], source: Array, target: Array) -> Array:
-        pending = []
-        for start in range(0, len(source), self._chunk):
-            part = slice(start, start + self._chunk)
-            output = self._runtime.output(target[part])
-            with self._runtime.lock:
-                enqueue(len(target[part]), self._runtime.input(source[part]), output)
-            pending.append((output, target[part]))
-        for buffer, array in pending:
-            self._runtime.fetch(buffer, array)
-        return target
-
-    def _enqueue_forward(self, bodies: int, values: cl.Buffer, out: cl.Buffer) -> None:
-        sizes = self._sizes
+    def _enqueue_forward(self, part: slice, values: cl.Buffer, out: cl.Buffer) -> None:
+        sizes, bodies = self._sizes, part.stop - part.start
         (hx, hy, _), (here, there) = sizes.half, self._turns
         self._launch(self._parity["fold"], hy, hx, bodies, values, here, self._reach[0], *self._shape)
         for inner, outer, rows, count in zip(self._reach, self._reach[1:], (hx, 1), (hy, hx), strict=False):
@@ -193,8 +177,8 @@ class OpenCLScatteredPlan:
             "gather", bodies, there, self._place, self._records, out, nodes, self._span, self._width, sizes.row
         )
 
-    def _enqueue_adjoint(self, bodies: int, u: cl.Buffer, out: cl.Buffer) -> None:
-        sizes, nodes = self._sizes, len(self._spec.kappa)
+    def _enqueue_adjoint(self, part: slice, u: cl.Buffer, out: cl.Buffer) -> None:
+        sizes, bodies, nodes = self._sizes, part.stop - part.start, len(self._spec.kappa)
         (hx, hy, _), (here, there) = sizes.half, self._turns
         if sizes.leading == 0:
             here, there = there, here

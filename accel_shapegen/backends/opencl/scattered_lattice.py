@@ -9,14 +9,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..base import Array
 from .kernel_window import Window
-
-Array = NDArray[Any]
 
 
 def padded(count: int) -> int:

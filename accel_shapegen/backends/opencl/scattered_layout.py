@@ -7,15 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..base import Array
 from .kernel_window import Window
 from .scattered_lattice import Band, CentredNodes, padded
-
-Array = NDArray[Any]
 
 Three = tuple[int, int, int]
 

@@ -54,9 +54,12 @@ class OpenCLSplinePlan:
             raise ShapeError("coefficients", f"have shape {spec.coefficients.shape}", "give (C, K), neither of them 0")
         count, stride = spec.coefficients.shape
         row_bytes = stride * self._dtype.itemsize
-        runtime.require("coefficients", (count + 1) * row_bytes, count * row_bytes)
-        self._coefficients = np.ascontiguousarray(spec.coefficients, dtype=self._dtype)
-        self._rows_at_once = int(runtime.device.max_mem_alloc_size) // row_bytes
+        remedy = "fit fewer bodies or nodes"
+        runtime.require("coefficients", (count + 1) * row_bytes, count * row_bytes, remedy)
+        self._coefficients = np.require(spec.coefficients, dtype=self._dtype, requirements=["C", "A"])
+        left = runtime.memory_bytes - count * row_bytes
+        # Half of what the coefficients leave: an adjoint's cotangent lies beside the rows that are being made.
+        self._rows_at_once = max(min(int(runtime.device.max_mem_alloc_size), left // 2) // row_bytes, 1)
         self._source = runtime.input(self._coefficients)
 
     def forward(self, columns: Array, weights: Array, out: Array | None = None) -> Array:
@@ -80,7 +83,9 @@ class OpenCLSplinePlan:
         if not columns.size:
             result[...] = 0
             return result
-        self._runtime.require("cotangent", values.nbytes + self._coefficients.nbytes, values.nbytes)
+        rows_made = min(self._rows_at_once, count) * values.itemsize * stride
+        held = self._coefficients.nbytes + values.nbytes + rows_made
+        self._runtime.require("cotangent", held, values.nbytes, "give fewer queries")
         rows = transposed(columns, weights.astype(self._dtype, copy=False), count)
         return self._contract(rows, self._runtime.input(values), result)
 
@@ -112,8 +117,9 @@ class OpenCLSplinePlan:
         # One work item is a CPU core's worth of vectors; left to itself PoCL would vectorise across items instead.
         item = (1, 1) if runtime.shares_host_memory else None
         size = (groups, -(-stride // strip))
-        runtime.launch(self._kernel, size, *tables, source, result, stride, strip, group=item)
-        runtime.fetch(result, out)
+        with runtime.settled():
+            runtime.launch(self._kernel, size, *tables, source, result, stride, strip, group=item)
+            runtime.fetch(result, out)
 
     def _strip(self, work: Blocks, groups: int, stride: int) -> int:
         """Columns per work item; it moves no bit of the result."""

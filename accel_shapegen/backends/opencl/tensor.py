@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import pyopencl as cl
-from numpy.typing import NDArray
 
 from ...errors import ShapeError
-from ..base import TensorSpec
+from ..base import Array, TensorSpec
 from . import tensor_axes
-from .runtime import Runtime, input_array, output_array
+from .runtime import Runtime, input_array, output_array, require_bodies
 from .tensor_axes import ABSENT, Table, Tables
-
-Array = NDArray[Any]
 
 # The two intermediate tensors of a chunk of bodies: large enough to hide launches, small enough for the cache.
 CHUNK_BYTES = 8 * 2**20
@@ -113,10 +109,16 @@ class OpenCLTensorPlan:
         nodes = self._chunk * self._nodes * self._complex.itemsize
         per_body = sum(2 * c.total * c.half + c.n + 2 * (c.order + 1) for c in self._cuts) + 2 * self._cuts[0].n
         tables = copies * per_body * self._real.itemsize
+        matrix = min(copies, self._chunk) * max(c.total * c.half for c in self._cuts) * self._real.itemsize
         scratch, rooms = self._chunk * self._per_body, self._groups * self._slot * self._real.itemsize
         weights = self._nodes * self._complex.itemsize
         total = 2 * scratch + rooms + tables + weights + values + nodes
-        self._runtime.require("batch", total, max(scratch, rooms, values, nodes, tables, weights))
+        # All but the tables is held for one chunk, and a chunk of one body may be too much.
+        smaller = "a smaller batch" if tables > total - tables else "fewer grid points or nodes"
+        largest = max(scratch, rooms, values, nodes, matrix, weights)
+        self._runtime.require("transform", total, largest, f"give {smaller}")
+        if max(self._nodes, self._slot, *self.spec.grid_shape) >= 2**31:
+            raise ShapeError("nodes", f"are {self._nodes}", "give fewer than 2**31: kernels count in 32 bits")
 
     def forward(self, values: Array, out: Array | None = None) -> Array:
         """(b, *grid_shape) real → (b, *lattice_shape) complex, 1 ≤ b ≤ batch (b = batch when per body).
@@ -127,13 +129,7 @@ class OpenCLTensorPlan:
         values = input_array("values", values, self._real, (None, *spec.grid_shape))
         self._require_bodies("values", len(values))
         out = output_array(out, self._complex, (len(values), *spec.lattice_shape), values)
-        with self._runtime.gather() as gather:
-            for part, tables in self._chunks(len(values)):
-                source, target = self._runtime.input(values[part]), self._runtime.output(out[part])
-                with self._runtime.lock:
-                    self._enqueue_forward(len(out[part]), tables, source, target)
-                gather(target, out[part])
-        return out
+        return self._runtime.in_chunks(self._chunk, self._enqueue_forward, [values], out)
 
     def adjoint(self, u: Array, centre: Array | None = None, out: Array | None = None) -> Array:
         """(b, *lattice_shape) complex → (b, *grid_shape) real; `centre` (b,) replaces the slot ξ = 0 of u.
@@ -148,27 +144,20 @@ class OpenCLTensorPlan:
         else:
             centre = u.reshape(len(u), -1)[:, self._nodes // 2].copy()
         out = output_array(out, self._real, (len(u), *spec.grid_shape), u, centre)
-        with self._runtime.gather() as gather:
-            for part, tables in self._chunks(len(u)):
-                sources = self._runtime.input(u[part]), self._runtime.input(centre[part])
-                target = self._runtime.output(out[part])
-                with self._runtime.lock:
-                    self._enqueue_adjoint(len(out[part]), tables, *sources, target)
-                gather(target, out[part])
-        return out
+        return self._runtime.in_chunks(self._chunk, self._enqueue_adjoint, [u, centre], out)
 
     def _require_bodies(self, name: str, count: int) -> None:
         batch = self.spec.batch
         if self.spec.per_body and count != batch:
             raise ShapeError(name, f"holds {count} bodies", f"give exactly {batch}: each has matrices of its own")
-        if not 1 <= count <= batch:
-            raise ShapeError(name, f"holds {count} bodies", f"give 1 to {batch}, or plan a larger batch")
+        require_bodies(name, count, batch)
 
-    def _chunks(self, count: int) -> Iterator[tuple[slice, Tables]]:
-        for index, start in enumerate(range(0, count, self._chunk)):
-            yield slice(start, min(start + self._chunk, count)), self._tables[index % len(self._tables)]
+    def _of(self, part: slice) -> tuple[int, Tables]:
+        """Number of bodies in a chunk, and its tables: its own where bodies have matrices of their own."""
+        return part.stop - part.start, self._tables[part.start // self._chunk % len(self._tables)]
 
-    def _enqueue_forward(self, count: int, tables: Tables, values: cl.Buffer, out: cl.Buffer) -> None:
+    def _enqueue_forward(self, part: slice, values: cl.Buffer, out: cl.Buffer) -> None:
+        count, tables = self._of(part)
         self._planes("planes_forward", count, tables.forward, tables.masks, values, self._by_x)
         self._first("first_forward", count, tables.forward, tables.masks, self._by_x, self._by_frequency)
         first, middle, _ = self._cuts
@@ -178,7 +167,8 @@ class OpenCLTensorPlan:
             zero = (first.n, self._columns, *tables.zero.arguments, self._weights, self._nodes)
             self._launch("zero_forward", (count,), *zero, self._by_x, out)
 
-    def _enqueue_adjoint(self, count: int, tables: Tables, u: cl.Buffer, centre: cl.Buffer, out: cl.Buffer) -> None:
+    def _enqueue_adjoint(self, part: slice, u: cl.Buffer, centre: cl.Buffer, out: cl.Buffer) -> None:
+        count, tables = self._of(part)
         first, middle, _ = self._cuts
         size = (middle.frequencies, first.frequencies, count)
         nodes = (*self._axes, self._h, u, self._weights, tables.phases, centre, int(tables.zero is not None))

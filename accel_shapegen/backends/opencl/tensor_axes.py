@@ -14,12 +14,9 @@ from typing import Any
 
 import numpy as np
 import pyopencl as cl
-from numpy.typing import NDArray
 
-from ..base import TensorAxis, TensorSpec
+from ..base import Array, TensorAxis, TensorSpec
 from .runtime import Runtime
-
-Array = NDArray[Any]
 
 
 @dataclass(frozen=True)
@@ -27,12 +24,13 @@ class Layout:
     """How an axis is cut: `parts` matrices of `rows` frequencies by `half` points each.
 
     1 part: rows cos m then sin m, all points. 2 parts: cos and sin, m = 0..N. 4 parts: cos with even m, cos odd,
-    sin odd, sin even. Parts count the points from the first one on.
+    sin odd, sin even. Parts count the points from the first one on. `trivial` is a single 1 without sines.
     """
 
     n: int
     order: int
     parts: int
+    trivial: bool = False
 
     @property
     def half(self) -> int:
@@ -41,11 +39,8 @@ class Layout:
 
     @property
     def rows(self) -> int:
-        """Rows per part; with 4 parts and an odd number of frequencies, the last row of two parts is zero.
-
-        Order 0 has the row cos 0 alone: the axis that a 2-D grid lacks.
-        """
-        return -(-2 * (self.order + 1) // self.parts) if self.order else 1
+        """Rows per part; with 4 parts and an odd number of frequencies, the last row of two parts is zero."""
+        return 1 if self.trivial else -(-2 * (self.order + 1) // self.parts)
 
     @property
     def total(self) -> int:
@@ -58,7 +53,7 @@ class Layout:
         return max(self.total // 2, 1)
 
 
-ABSENT = Layout(1, 0, 1)  # the middle axis of a 2-D grid: a single 1
+ABSENT = Layout(1, 0, 1, trivial=True)  # the middle axis of a 2-D grid
 
 
 @dataclass(frozen=True)
