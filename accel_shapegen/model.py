@@ -9,25 +9,34 @@ from __future__ import annotations
 
 import math
 import os
+import warnings
 from collections.abc import Callable, Iterable, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import arguments, backends, batches, splines
 from .backends.base import Backend, SplinePlan, SplineSpec
+from .body_generators import body_generators, checked_bounds, checked_frames
 from .errors import ArgumentError, DtypeError, ShapeError
 from .far_field import Body
-from .geometry import Grid
+from .fields import FieldPlan
+from .frames import RULES, Rule
+from .geometry import Box, Grid
 from .nodes import FourierLattice, Nodes, ScatteredNodes
-from .synthesis import Window, plan_synthesis
-from .training_set import body_generators, tensor_order
+from .synthesis import Window
+from .training_set import Rows, in_grid_order, tensor_order
+
+if TYPE_CHECKING:
+    from .adequacy import Adequacy
 
 Boundary = Literal["natural", "not-a-knot", "clamped"]
 Basis = Literal["auto", "cox-de-boor", "uniform"]
+
+Floats = NDArray[np.float64]
 
 # Queries whose spline weights are held at a time: 4^M or more numbers each, small beside the predictions themselves.
 QUERIES_AT_ONCE = 1024
@@ -46,6 +55,8 @@ class ShapeModel:
         Where the generators are known.
     dtype : dtype
         complex64 or complex128.
+    bounds : float64, shape (n_1, .., n_M, 2, dim), or None
+        Bounding boxes [m] of the training bodies; None for a model of generators that came without bodies.
     device : str
         What `predict` runs on.
     """
@@ -56,12 +67,22 @@ class ShapeModel:
         coefficients: NDArray[Any],
         nodes: Nodes,
         backend: str | Backend | None = None,
+        *,
+        frame_coefficients: Floats | None = None,
+        bounds: Floats | None = None,
     ) -> None:
-        """From prefiltered coefficients, shape (C_1, .., C_M, *nodes.shape); callers want `fit`."""
+        """From prefiltered coefficients, shape (C_1, .., C_M, *nodes.shape); callers want `fit`.
+
+        Those of the frames have shape (C_1, .., C_M, 2, dim): centre, then scale.
+        """
         self.axes = tuple(axes)
         self.nodes = nodes
         self.coefficients = np.ascontiguousarray(coefficients)
-        self.coefficients.setflags(write=False)
+        self.frame_coefficients = frame_coefficients
+        self.bounds = bounds
+        for array in (self.coefficients, frame_coefficients, bounds):
+            if array is not None:
+                array.setflags(write=False)
         self._backend = backends.get(backend, operation="spline_contract")
         self._requested = backend
         self.device = self._backend.info.label
@@ -81,6 +102,30 @@ class ShapeModel:
         """complex64 or complex128."""
         return self.coefficients.dtype
 
+    @property
+    def framed(self) -> bool:
+        """Whether the generators are those of bodies in reference frames."""
+        return self.frame_coefficients is not None
+
+    @property
+    def grid_points(self) -> Floats:
+        """The training grid, shape (n_1 ⋯ n_M, M), C order."""
+        return np.stack(np.meshgrid(*self.knots, indexing="ij"), axis=-1).reshape(-1, len(self.axes))
+
+    @cached_property
+    def extent(self) -> Box:
+        """A box about the origin, in metres, that holds the lattice's box in the frame of every training body.
+
+        It is the lattice's own, or a larger one where frames carry bodies out of that.
+        """
+        if not isinstance(self.nodes, FourierLattice):
+            raise ArgumentError("model", "is over scattered nodes, which have no box", "fit on a FourierLattice")
+        sides = np.array(self.nodes.box.lengths)
+        centres, scales = self.frames(self.grid_points)
+        reach = (2 * np.abs(centres) + scales * sides).max(axis=0)
+        # The rounding of centres that are meant to be 0 does not make a box larger.
+        return Box(np.where(reach > sides * (1 + 1e-9), reach, sides).tolist())
+
     @classmethod
     def fit(
         cls,
@@ -88,6 +133,8 @@ class ShapeModel:
         u: ArrayLike,
         nodes: Nodes,
         *,
+        frames: tuple[ArrayLike, ArrayLike] | None = None,
+        bounds: ArrayLike | None = None,
         boundary: Boundary = "natural",
         basis: Basis = "auto",
         names: Sequence[str] | None = None,
@@ -103,6 +150,11 @@ class ShapeModel:
             One shape generator per grid point; its precision is the model's.
         nodes : FourierLattice or ScatteredNodes
             Where the generators are known.
+        frames : (centres, scales), array_like of shape (n_1, .., n_M, dim) each, optional
+            c [m] and σ, if the generators are those of bodies in frames, y = (x - c)/σ with no factor |σ|. They are
+            interpolated by the same spline.
+        bounds : array_like, shape (n_1, .., n_M, 2, dim), optional
+            Bounding boxes [m] of the bodies, in x; `adequacy` looks at how they move from body to body.
         boundary : "natural", "not-a-knot" or "clamped"
             Natural: second derivative 0 at both ends of every axis; the others as SciPy's CubicSpline defines them.
         basis : "auto", "cox-de-boor" or "uniform"
@@ -113,8 +165,7 @@ class ShapeModel:
             See `accel_shapegen.backends.get`.
         """
         axes = _axes(knots, boundary, basis, names)
-        if not isinstance(nodes, (FourierLattice, ScatteredNodes)):
-            raise DtypeError("nodes", f"is a {type(nodes).__name__}", "give a FourierLattice or ScatteredNodes")
+        _require_nodes(nodes)
         generators = np.asarray(u)
         if generators.dtype.name not in arguments.REAL_OF:
             raise DtypeError("u", f"has dtype {generators.dtype}", "give complex64 or complex128 values")
@@ -127,7 +178,16 @@ class ShapeModel:
         if np.may_share_memory(coefficients, generators):
             # The model freezes its coefficients; the caller's array stays the caller's.
             coefficients = coefficients.copy()
-        return cls(axes, coefficients.reshape(*(axis.size for axis in axes), *nodes.shape), nodes, backend)
+        grid = shape[: len(axes)]
+        pairs = None if frames is None else splines.prefilter(axes, checked_frames(frames, grid, nodes.dim))
+        return cls(
+            axes,
+            coefficients.reshape(*(axis.size for axis in axes), *nodes.shape),
+            nodes,
+            backend,
+            frame_coefficients=None if pairs is None else pairs.reshape(*pairs.shape[:-1], 2, nodes.dim),
+            bounds=None if bounds is None else checked_bounds(bounds, (*grid, 2, nodes.dim)),
+        )
 
     @classmethod
     def fit_bodies(
@@ -136,6 +196,7 @@ class ShapeModel:
         bodies: Iterable[Body],
         nodes: Nodes,
         *,
+        frame: Rule | None = None,
         eps: float = 1e-6,
         dtype: Any = "complex64",
         boundary: Boundary = "natural",
@@ -148,21 +209,56 @@ class ShapeModel:
 
         Parameters
         ----------
-        bodies : iterable of VoxelGrid or Polygons
-            One body per grid point, C order (the last characteristic value runs fastest); a generator is consumed
-            body by body, so that they need not be in memory together.
+        bodies : iterable of bodies, as `far_field` takes them
+            One body per grid point, C order (the last characteristic value runs fastest). A generator is consumed
+            body by body, so that they need not be in memory together - unless there are frames, which need to see
+            every body twice: then give something that can be passed through again, or a generator's bodies are kept.
+        frame : "height", "bbox", "moments" or callable, optional
+            Learn each body in a reference frame y = (x - c)/σ of its own, and the frames by the same spline. Height:
+            c is the centre of the bounding box, and one scale for all axes is that of its extent on the last axis;
+            bbox: the same centre, each axis by its own extent; moments: centroid, and standard deviation per axis. A
+            callable gets the body and gives (centre, size) or a Frame. Scales are σ_i = s_i / max_i s_i, per axis.
         eps, dtype, backend
             As in `far_field`.
         progress : callable, optional
-            Called as progress(done, total) after each body.
+            Called as progress(done, total) after each body; with frames, each body counts twice.
+
+        Raises
+        ------
+        OutsideBoxError
+            Naming the body that reaches out of the lattice's box (in its frame, if there are frames).
         """
         axes = _axes(knots, boundary, basis, names)
-        total = math.prod(len(axis.knots) for axis in axes)
-        precision = arguments.complex_dtype("dtype", dtype)
-        u = body_generators(bodies, total, nodes, eps=eps, dtype=precision, backend=backend, progress=progress)
+        if frame is not None and not callable(frame):
+            arguments.choice("frame", frame, RULES)
+        _require_nodes(nodes)
         shape = tuple(len(axis.knots) for axis in axes)
+
+        def place(body: int) -> str:
+            point = zip(axes, np.unravel_index(body, shape), strict=True)
+            return f"bodies[{body}] (" + ", ".join(f"{axis.name}={axis.knots[i]:g}" for axis, i in point) + ")"
+
+        made = body_generators(
+            bodies,
+            math.prod(shape),
+            nodes,
+            rule=frame,
+            place=place,
+            eps=eps,
+            dtype=arguments.complex_dtype("dtype", dtype),
+            backend=backend,
+            progress=progress,
+        )
         return cls.fit(
-            knots, u.reshape(*shape, *nodes.shape), nodes, boundary=boundary, basis=basis, names=names, backend=backend
+            knots,
+            made.u.reshape(*shape, *nodes.shape),
+            nodes,
+            frames=made.frames_on(shape),
+            bounds=made.bounds.reshape(*shape, 2, nodes.dim),
+            boundary=boundary,
+            basis=basis,
+            names=names,
+            backend=backend,
         )
 
     @classmethod
@@ -184,7 +280,7 @@ class ShapeModel:
         bodies_or_u : sequence of bodies, or array of shape (rows, *nodes.shape)
             What `fit_bodies` or `fit` takes, row by row.
         options
-            Passed on to `fit_bodies` or `fit`.
+            Passed on to `fit_bodies` or `fit`; `frames` and `bounds` of the latter are given row by row too.
 
         Raises
         ------
@@ -198,9 +294,13 @@ class ShapeModel:
             )
         if isinstance(bodies_or_u, np.ndarray):
             shape = tuple(len(axis) for axis in knots)
-            u = bodies_or_u[order].reshape(*shape, *bodies_or_u.shape[1:])
+            if options.get("frames") is not None:
+                options["frames"] = tuple(in_grid_order("frames", part, order, shape) for part in options["frames"])
+            if options.get("bounds") is not None:
+                options["bounds"] = in_grid_order("bounds", options["bounds"], order, shape)
+            u = in_grid_order("bodies_or_u", bodies_or_u, order, shape)
             return cls.fit(knots, u, nodes, names=names, **options)
-        return cls.fit_bodies(knots, (bodies_or_u[row] for row in order), nodes, names=names, **options)
+        return cls.fit_bodies(knots, Rows(bodies_or_u, order), nodes, names=names, **options)
 
     @cached_property
     def _plan(self) -> SplinePlan:
@@ -248,6 +348,54 @@ class ShapeModel:
             self._plan.forward(columns, weights.astype(reals), out=rows[some])
         return result if np.ndim(lambdas) == 2 else result[0]
 
+    def frames(
+        self, lambdas: ArrayLike, extrapolate: Literal["linear"] | None = None, *, derivative: int | None = None
+    ) -> tuple[Floats, Floats]:
+        """The reference frames of predicted bodies, by the spline of their generators: y = (x - c)/σ.
+
+        Parameters
+        ----------
+        lambdas, extrapolate, derivative
+            As in `predict`, which gives the generators of the bodies in y.
+
+        Returns
+        -------
+        centres, scales : float64, shape (Q, dim) each, or (dim,) for one query of shape (M,)
+            c [m] and σ. 0 and 1 for a model without frames.
+
+        Raises
+        ------
+        QueryRangeError
+            Naming the characteristic value, its range and the query.
+        ArgumentError
+            A scale that is not positive, which only a spline far from its data gives.
+        """
+        queries = self._queries(lambdas)
+        result = np.zeros((len(queries), 2, self.nodes.dim))
+        for start in range(0, len(queries), QUERIES_AT_ONCE):
+            some = slice(start, start + QUERIES_AT_ONCE)
+            columns, weights = splines.tensor_terms(self.axes, queries[some], extrapolate, derivative)
+            if self.frame_coefficients is not None:
+                rows = self.frame_coefficients.reshape(-1, 2, self.nodes.dim)
+                result[some] = np.einsum("qt,qtij->qij", weights, rows[columns])
+            elif derivative is None:
+                result[some, 1] = 1
+        if derivative is None and np.any(result[:, 1] <= 0):
+            query, axis = (int(i) for i in np.argwhere(result[:, 1] <= 0)[0])
+            raise ArgumentError(
+                "lambdas",
+                f"query {query} has a frame of scale {result[query, 1, axis]:.6g} on axis {axis}",
+                "stay nearer to the training range",
+            )
+        centres, scales = result[:, 0], result[:, 1]
+        return (centres, scales) if np.ndim(lambdas) == 2 else (centres[0], scales[0])
+
+    def plan_fields(
+        self, grid: Grid, *, batch: int = batches.ONE_SHOT_BATCH, window: Window | None = None
+    ) -> FieldPlan:
+        """Plan `generate` on one grid, for many calls of up to `batch` queries."""
+        return FieldPlan(self, grid, batch, window, self._requested)
+
     def generate(
         self,
         lambdas: ArrayLike,
@@ -266,7 +414,8 @@ class ShapeModel:
         lambdas : array_like, shape (Q, M) or (M,)
             Characteristic values of each query.
         grid : Grid
-            Where the fields are wanted; 0 outside the lattice's box.
+            Where the fields are wanted, in metres, whatever the frames; 0 outside the lattice's box (with frames: that
+            box carried along, c + σ V0).
         window : "lanczos" or "fejer", optional
             Spectral window.
         extrapolate : "linear", optional
@@ -282,21 +431,35 @@ class ShapeModel:
         -------
         array, shape (Q, *grid.shape) or (*grid.shape,), real
         """
-        if not isinstance(self.nodes, FourierLattice):
-            raise ArgumentError("model", "is over scattered nodes", "fit on a FourierLattice to generate bodies")
         queries = self._queries(lambdas)
         batch = min(arguments.count("batch", batch), len(queries))
-        plan = plan_synthesis(self.nodes, grid, batch=batch, window=window, dtype=self.dtype, backend=self._requested)
+        plan = self.plan_fields(grid, batch=batch, window=window)
         result = batches.output(out, (len(queries), *grid.shape), arguments.real_dtype(self.dtype))
         # All queries are checked before the first body is made.
-        for start in range(0, len(queries), QUERIES_AT_ONCE):
-            splines.tensor_terms(self.axes, queries[start : start + QUERIES_AT_ONCE], extrapolate)
+        self.frames(queries, extrapolate)
         for start in range(0, len(queries), batch):
             some = slice(start, start + batch)
-            plan.apply(self.predict(queries[some], extrapolate), out=result[some], check=False)
+            plan.apply(queries[some], extrapolate, out=result[some])
             if progress is not None:
                 progress(min(start + batch, len(queries)), len(queries))
         return result if np.ndim(lambdas) == 2 else result[0]
+
+    def adequacy(self) -> Adequacy:
+        """Whether the training set is dense enough to be trusted between its bodies; see `adequacy.assess`.
+
+        Warns
+        -----
+        AliasingWarning
+            Where a face of the bounding box moves, from one body to the next, by more than half the shortest
+            wavelength: the phase of the far field then turns by more than half a turn, and no interpolation can tell
+            which way.
+        """
+        from . import adequacy
+
+        report = adequacy.assess(self)
+        for text in report.warnings:
+            warnings.warn(text, adequacy.AliasingWarning, stacklevel=2)
+        return report
 
     def _queries(self, lambdas: ArrayLike) -> NDArray[np.float64]:
         queries = arguments.real_array("lambdas", lambdas, np.float64)
@@ -325,7 +488,12 @@ class ShapeModel:
         """
         from . import model_file
 
-        return cls(*model_file.read(Path(path)), backend=backend)
+        return cls(**model_file.read(Path(path)), backend=backend)
+
+
+def _require_nodes(nodes: Any) -> None:
+    if not isinstance(nodes, (FourierLattice, ScatteredNodes)):
+        raise DtypeError("nodes", f"is a {type(nodes).__name__}", "give a FourierLattice or ScatteredNodes")
 
 
 def _axes(

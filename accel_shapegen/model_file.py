@@ -5,6 +5,8 @@ The zip's comment, which is the end of the file, is `sha256:` and the digest of 
     header          UTF-8 JSON as bytes: format, version, the axes' names, boundaries, bases, forms; the nodes
     coefficients    (C_1, .., C_M, *nodes.shape) complex
     knots_0, ..     (n_j,) float64
+    frame_coefficients    (C_1, .., C_M, 2, dim) float64, centre and scale; models with frames only
+    bounds                (n_1, .., n_M, 2, dim) float64, of the training bodies; models of bodies only
     directions, wavenumbers                  scattered nodes only
 """
 
@@ -33,15 +35,18 @@ if TYPE_CHECKING:
     from .model import ShapeModel
 
 FORMAT = "accel_shapegen model"
-VERSION = 1
+VERSION = 2
 MARK = b"sha256:"
 TRAILER = len(MARK) + 64
+# Arrays that a model may lack; the header lists those that it has.
+OPTIONAL = ("frame_coefficients", "bounds")
 
 
 def write(model: ShapeModel, path: Path) -> Path:
     """Write beside the target, flush to disk, then rename: a reader never sees half a model."""
     arrays: dict[str, NDArray[Any]] = {"header": _bytes(_header(model)), "coefficients": model.coefficients}
     arrays |= {f"knots_{j}": axis.knots for j, axis in enumerate(model.axes)}
+    arrays |= {name: getattr(model, name) for name in OPTIONAL if getattr(model, name) is not None}
     if isinstance(model.nodes, ScatteredNodes):
         arrays |= {"directions": model.nodes.directions, "wavenumbers": model.nodes.wavenumbers}
     if not path.parent.is_dir():
@@ -59,8 +64,8 @@ def write(model: ShapeModel, path: Path) -> Path:
     return path
 
 
-def read(path: Path) -> tuple[tuple[SplineAxis, ...], NDArray[Any], Nodes]:
-    """Axes, coefficients and nodes of a model file, after its checksum has been verified."""
+def read(path: Path) -> dict[str, Any]:
+    """The arguments of `ShapeModel` from a model file, after its checksum has been verified."""
     if not path.exists():
         raise MissingFileError(str(path), "does not exist", "give a file that ShapeModel.save wrote")
     if not path.is_file():
@@ -74,7 +79,9 @@ def read(path: Path) -> tuple[tuple[SplineAxis, ...], NDArray[Any], Nodes]:
                 axes, nodes = _axes(header, arrays), _nodes(header["nodes"], arrays)
                 coefficients = arrays["coefficients"]
                 _require_coefficients(coefficients, axes, nodes)
-                return axes, coefficients, nodes
+                optional = {name: arrays[name] for name in OPTIONAL if name in header["optional"]}
+                _require_optional(optional, axes, nodes)
+                return {"axes": axes, "coefficients": coefficients, "nodes": nodes, **optional}
         except ModelFileError:
             raise
         except Exception as error:  # whatever forged bytes make the parsers raise, the file is at fault
@@ -87,7 +94,8 @@ def _header(model: ShapeModel) -> dict[str, Any]:
         lattice = model.nodes
         nodes = {"kind": "lattice", "box": lattice.box.lengths, "order": lattice.order, "mu": lattice.mu}
     axes = [{key: getattr(axis, key) for key in ("name", "boundary", "basis", "form")} for axis in model.axes]
-    return {"format": FORMAT, "version": VERSION, "axes": axes, "nodes": nodes}
+    optional = [name for name in OPTIONAL if getattr(model, name) is not None]
+    return {"format": FORMAT, "version": VERSION, "axes": axes, "nodes": nodes, "optional": optional}
 
 
 def _axes(header: dict[str, Any], arrays: Any) -> tuple[SplineAxis, ...]:
@@ -113,6 +121,16 @@ def _require_coefficients(coefficients: NDArray[Any], axes: tuple[SplineAxis, ..
     if coefficients.dtype not in (np.complex64, np.complex128) or coefficients.shape != shape:
         raise ValueError(f"coefficients are {coefficients.dtype} of shape {coefficients.shape}, not complex of {shape}")
     arguments.require_finite("coefficients", coefficients)
+
+
+def _require_optional(optional: dict[str, NDArray[Any]], axes: tuple[SplineAxis, ...], nodes: Nodes) -> None:
+    grids = {"frame_coefficients": (axis.size for axis in axes), "bounds": (len(axis.knots) for axis in axes)}
+    for name, array in optional.items():
+        shape = (*grids[name], 2, nodes.dim)
+        if array.dtype != np.float64 or array.shape != shape:
+            raise ValueError(f"{name} are {array.dtype} of shape {array.shape}, not float64 of {shape}")
+    if "frame_coefficients" in optional:
+        arguments.require_finite("frame_coefficients", optional["frame_coefficients"])
 
 
 def _require_format(header: Any, path: Path) -> None:

@@ -1,18 +1,17 @@
-"""A training set: a table in any order of rows as a full tensor grid, and the shape generators of its bodies."""
+"""A training set: a table in any order of rows as a full tensor grid."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import arguments
-from .backends.base import Backend
 from .errors import ShapeError, TableError
-from .far_field import Body, far_field
-from .nodes import Nodes
+from .far_field import Body
 
 # Offending grid points listed in an error before it is cut short.
 LISTED = 10
@@ -71,30 +70,20 @@ def _listed(
     return ", ".join(texts) + more
 
 
-def body_generators(
-    bodies: Iterable[Body],
-    total: int,
-    nodes: Nodes,
-    *,
-    eps: float,
-    dtype: np.dtype[Any],
-    backend: str | Backend | None,
-    progress: Callable[[int, int], object] | None,
-) -> NDArray[Any]:
-    """Shape generators of exactly `total` single bodies, consumed one by one: (total, *nodes.shape)."""
-    u = np.empty((total, *nodes.shape), dtype=dtype)
-    done = 0
-    for body in bodies:
-        if done == total:
-            raise ShapeError("bodies", f"has more than {total} entries", "give one body per grid point")
-        generator = far_field(body, nodes, eps=eps, dtype=dtype, backend=backend)
-        if generator.shape != nodes.shape:
-            lead = generator.shape[: -len(nodes.shape)]
-            raise ShapeError(f"bodies[{done}]", f"is a batch of shape {lead}", "give single bodies")
-        u[done] = generator
-        done += 1
-        if progress is not None:
-            progress(done, total)
-    if done < total:
-        raise ShapeError("bodies", f"has {done} entries", f"give {total}, one per grid point, C order")
-    return u
+@dataclass(frozen=True)
+class Rows:
+    """Bodies of a table in another order, as often as they are asked for."""
+
+    bodies: Sequence[Body]
+    order: NDArray[np.intp]
+
+    def __iter__(self) -> Iterator[Body]:
+        return (self.bodies[row] for row in self.order)
+
+
+def in_grid_order(name: str, rows: ArrayLike, order: NDArray[np.intp], shape: tuple[int, ...]) -> NDArray[Any]:
+    """Rows of a table in C order of the grid, its axes in front."""
+    array = np.asarray(rows)
+    if array.ndim == 0 or len(array) != len(order):
+        raise ShapeError(name, f"has shape {array.shape}", f"give {len(order)} rows, one per row of lambdas")
+    return array[order].reshape(*shape, *array.shape[1:])

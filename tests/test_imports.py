@@ -66,8 +66,11 @@ LAYERS = {
     "backends": ["backends"],
     "bodies": ["bodies"],
     "kernels": ["kernels"],
-    "operations": ["adequacy", "far_field", "model", "model_file", "synthesis", "training_set", "voxel_transform"],
-    "drivers": ["dataset", "demo", "experiments", "interop", "report", "volume_files"],
+    "operations": [
+        "adequacy", "adequacy_report", "body_generators", "far_field", "fields", "model", "model_file", "synthesis",
+        "training_set", "voxel_transform",
+    ],
+    "drivers": ["adequacy_plot", "dataset", "demo", "experiments", "interop", "report", "volume_files"],
     "cli": ["cli", "commands"],
 }  # fmt: skip
 LAYER_OF = {"accel_shapegen": "front"} | {

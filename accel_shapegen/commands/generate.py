@@ -16,13 +16,12 @@ import typer
 from numpy.typing import NDArray
 
 from .. import batches
-from ..backends.base import Backend
 from ..errors import ArgumentError, SurfaceError, TableError
 from ..geometry import Grid
 from ..model import ShapeModel
 from ..nodes import FourierLattice
 from ..progress import Progress
-from ..synthesis import Window, plan_synthesis
+from ..synthesis import Window
 from . import output
 from .body_files import LEVEL, ZARR, BodyFiles, replace_text
 from .options import (
@@ -67,7 +66,13 @@ def generate(
         "out/generated"
     ),
     grid: Annotated[
-        str, typer.Option("--grid", metavar="CELLS", help="Cells over the model's box, one number or one per axis.")
+        str,
+        typer.Option(
+            "--grid",
+            metavar="CELLS",
+            help="Cells over the model's box, one number or one per axis; if reference frames carry bodies out of "
+            "that, over a box that holds them.",
+        ),
     ] = str(CELLS),
     formats: Annotated[
         list[str] | None,
@@ -96,7 +101,7 @@ def generate(
         raise ArgumentError(str(model), "is over scattered nodes", "train on a lattice to generate bodies")
     counts = one_or_all(per_axis("--grid", grid, int, "an integer"))
     with about("--grid"):
-        cells = Grid(loaded.nodes.box, counts)
+        cells = Grid(loaded.extent, counts)
     files = BodyFiles(out, cells, formats)
     queries = _queries(loaded, table, at)
     tangent: Literal["linear"] | None = "linear" if extrapolate else None
@@ -106,12 +111,12 @@ def generate(
     # A manifest that is there is true: the old one goes before the first file changes, the new one comes last.
     (out / MANIFEST).unlink(missing_ok=True)
     with Progress(sys.stderr) as progress:
-        entries, synthesis_device = _generate(loaded, queries, files, window, tangent, chosen, progress)
+        entries, synthesis_device = _generate(loaded, queries, files, window, tangent, progress)
     manifest = {
         "model": str(model),
         "device": synthesis_device,
         "names": list(loaded.names),
-        "box_m": list(loaded.nodes.box.lengths),
+        "box_m": list(loaded.extent.lengths),
         "cells": list(cells.shape),
         "level": LEVEL,
         "window": window,
@@ -168,21 +173,19 @@ def _generate(
     files: BodyFiles,
     window: Window | None,
     extrapolate: Literal["linear"] | None,
-    backend: Backend | None,
     progress: Progress,
 ) -> tuple[list[dict[str, Any]], str]:
     """Entries of the manifest, and the device; batch by batch, so that memory does not grow with the bodies."""
-    assert isinstance(model.nodes, FourierLattice)  # checked when it was loaded
     total = len(queries.values)
     batch = batches.one_shot_batch(total, 8 * math.prod(files.grid.shape))
-    plan = plan_synthesis(model.nodes, files.grid, batch=batch, window=window, dtype=model.dtype, backend=backend)
+    plan = model.plan_fields(files.grid, batch=batch, window=window)
     fields = np.empty((batch, *files.grid.shape), dtype=model.dtype.type(0).real.dtype)
     files.open(total, fields.dtype, {"names": list(model.names), "values": queries.values.tolist(), "level": LEVEL})
     entries = []
     with progress.stage("bodies") as report:
         for start in range(0, total, batch):
             some = queries.values[start : start + batch]
-            plan.apply(model.predict(some, extrapolate), out=fields[: len(some)])
+            plan.apply(some, extrapolate, out=fields[: len(some)])
             for index, field in enumerate(fields[: len(some)], start=start):
                 point = dict(zip(model.names, map(float, queries.values[index]), strict=True))
                 try:

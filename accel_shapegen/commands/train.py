@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from .. import backends
+from .. import adequacy, backends
 from ..errors import ArgumentError, MissingFileError
 from ..geometry import Box, Grid
 from ..model import ShapeModel
@@ -76,6 +76,14 @@ def train(
     boundary: Annotated[
         Literal["natural", "not-a-knot", "clamped"], typer.Option("--boundary", help="End condition of the splines.")
     ] = "natural",
+    frame: Annotated[
+        Literal["none", "height", "bbox", "moments"],
+        typer.Option(
+            "--frame",
+            help="Learn bodies in reference frames: scaled to one height, to one bounding box, or to one spread of "
+            "mass. Bodies come back in metres.",
+        ),
+    ] = "none",
     dtype: Annotated[Literal["complex64", "complex128"], typer.Option("--dtype", help="Precision.")] = "complex64",
     backend: BackendName = None,
     device: DeviceName = None,
@@ -103,7 +111,10 @@ def train(
         bodies, lattice, cells = _from_family(str(family), grid, box, order, voxels)
     with Progress(sys.stderr) as progress:
         with progress.stage("training bodies") as report:
-            model = bodies.fit(lattice, report, boundary=boundary, dtype=dtype, backend=chosen)
+            rule = None if frame == "none" else frame
+            model = bodies.fit(lattice, report, frame=rule, boundary=boundary, dtype=dtype, backend=chosen)
+        with progress.stage("adequacy"):
+            assessed = adequacy.assess(model)
         with progress.stage("saving"):
             model.save(out)
     operation = "polygon_transform" if cells is None else "tensor_transform"
@@ -113,11 +124,13 @@ def train(
         "device": backends.get(chosen, operation=operation).info.label,
         "seconds": round(sum(progress.seconds.values()), 3),
         **_describe(model, lattice, cells),
+        "frame": rule,
+        "adequacy": assessed.to_dict(),
     }
     if as_json:
         output.print_json(summary)
     else:
-        _show(summary)
+        _show(summary, assessed)
 
 
 def _from_files(
@@ -190,17 +203,19 @@ def _describe(model: ShapeModel, lattice: FourierLattice, cells: Grid | None) ->
     }
 
 
-def _show(summary: dict[str, Any]) -> None:
+def _show(summary: dict[str, Any], assessed: adequacy.Adequacy) -> None:
     screen = output.console()
     rows = [[name, f"{len(axis)}", f"{axis[0]:g} … {axis[-1]:g}"] for name, axis in summary["values"].items()]
     screen.print(output.table("Characteristic values", ["value", "knots", "range"], rows))
     sides, orders = (" × ".join(f"{v:g}" for v in summary[key]) for key in ("box_m", "order"))
     voxels = "exact" if summary["voxels"] is None else " × ".join(map(str, summary["voxels"])) + " voxels for meshes"
+    in_frames = f", in frames by {summary['frame']}" if summary["frame"] else ""
     lines = {
-        "bodies": f"{summary['bodies']}, {voxels}",
+        "bodies": f"{summary['bodies']}, {voxels}{in_frames}",
         "box": f"{sides} m, order {orders}",
         "on": f"{summary['device']}, {summary['seconds']:.1f} s",
         "model": f"{summary['model']}, {summary['bytes'] / 2**20:.1f} MiB",
     }
     for name, text in lines.items():
         screen.print(f"{name:<7} {text}", markup=False)
+    screen.print(f"\n{assessed}", markup=False, soft_wrap=True)

@@ -49,23 +49,36 @@ class TrainingSet:
 
     def fit(self, lattice: FourierLattice, progress: Report, **options: Any) -> ShapeModel:
         """`ShapeModel.fit_bodies`, with errors that name the body they are about."""
-        place: list[str] = []
-
-        def read() -> Iterator[Body]:
-            for index, where in enumerate(self.places):
-                place[:] = [where]
-                yield self.make(index)
-            place.clear()
-
+        bodies = _Bodies(self)
         try:
-            return ShapeModel.fit_bodies(self.knots, read(), lattice, names=self.names, progress=progress, **options)
+            return ShapeModel.fit_bodies(self.knots, bodies, lattice, names=self.names, progress=progress, **options)
         except BackendError:
             raise
         except ShapegenError as error:
             # A body is transformed before the next is read: what fails is about the one read last.
-            if place:
-                raise locate(error, place[0]) from error
+            if bodies.place is not None:
+                raise locate(error, bodies.place) from error
             raise
+
+
+class _Bodies:
+    """The bodies of a training set, made anew each time they are passed through.
+
+    Attributes
+    ----------
+    place : str or None
+        What messages call the body made last; None once all have been.
+    """
+
+    def __init__(self, source: TrainingSet) -> None:
+        self._source = source
+        self.place: str | None = None
+
+    def __iter__(self) -> Iterator[Body]:
+        for index, where in enumerate(self._source.places):
+            self.place = where
+            yield self._source.make(index)
+        self.place = None
 
 
 def from_family(family: Family, knots: Sequence[NDArray[np.float64]], cells: Grid | None) -> TrainingSet:
