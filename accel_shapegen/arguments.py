@@ -11,13 +11,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from .errors import ArgumentError, DtypeError, NonFiniteError, ShapeError
 
+# Counts above this overflow the 32-bit indices of kernels, and no machine holds such arrays.
+MOST = 2**31 - 1
 REAL_OF = {"complex64": "float32", "complex128": "float64"}
 
 
 def complex_dtype(name: str, dtype: Any) -> np.dtype[Any]:
     """The requested precision as complex64 or complex128; anything else is refused."""
     try:
-        resolved = np.dtype(dtype)
+        resolved = np.dtype(dtype).newbyteorder("=")
     except TypeError:
         resolved = None
     if resolved is None or resolved.name not in REAL_OF:
@@ -98,6 +100,9 @@ def lengths(name: str, value: Sequence[float] | float, *, dim: int | None = None
     for axis, length in enumerate(array):
         if not (math.isfinite(length) and length > 0):
             raise ArgumentError(name, f"is {length} on axis {axis}", "give a positive finite length")
+        if not 1e-50 <= length <= 1e50:
+            # Volumes and their reciprocals would leave the range of float64.
+            raise ArgumentError(name, f"is {length} on axis {axis}", "give a length between 1e-50 and 1e50")
     return tuple(float(length) for length in array)
 
 
@@ -109,10 +114,12 @@ def sequence(name: str, value: Any, what: str) -> Sequence[Any]:
     return result
 
 
-def count(name: str, value: Any, *, least: int = 1) -> int:
+def count(name: str, value: Any, *, least: int = 1, most: int | None = None) -> int:
     """An integer of at least `least`; booleans and fractions are refused."""
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, np.integer)):
         raise ArgumentError(name, f"is {value!r}", f"give an integer of at least {least}")
+    if most is not None and value > most:
+        raise ArgumentError(name, f"is {value}", f"give an integer of at most {most}")
     if value < least:
         raise ArgumentError(name, f"is {value}", f"give an integer of at least {least}")
     return int(value)
@@ -121,14 +128,14 @@ def count(name: str, value: Any, *, least: int = 1) -> int:
 def counts(name: str, value: Any, dim: int, *, least: int = 1) -> tuple[int, ...]:
     """One count per axis; a single integer stands for all axes."""
     if isinstance(value, (int, np.integer)):
-        return (count(name, value, least=least),) * dim
+        return (count(name, value, least=least, most=MOST),) * dim
     try:
         items = tuple(value)
     except TypeError:
         raise ArgumentError(name, f"is {value!r}", f"give an integer or {dim} of them") from None
     if len(items) != dim:
         raise ShapeError(name, f"has {len(items)} entries", f"give one integer or {dim}, one per axis")
-    return tuple(count(f"{name}[{axis}]", item, least=least) for axis, item in enumerate(items))
+    return tuple(count(f"{name}[{axis}]", item, least=least, most=MOST) for axis, item in enumerate(items))
 
 
 def choice(name: str, value: Any, options: Sequence[str]) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import DtypeError, ShapeError
+from .errors import ArgumentError, DtypeError, ShapeError
 
 # A one-shot call plans for this many bodies, or for as many as fit in BATCH_BYTES: more gain nothing.
 ONE_SHOT_BATCH = 16
@@ -35,8 +35,10 @@ def output(out: NDArray[Any] | None, shape: tuple[int, ...], dtype: np.dtype[Any
         return np.empty(shape, dtype=dtype)
     if not isinstance(out, np.ndarray) or out.dtype != dtype:
         raise DtypeError("out", f"is {getattr(out, 'dtype', type(out).__name__)}", f"give an array of {dtype}")
-    if out.shape != shape or not out.flags.c_contiguous or not out.flags.writeable:
-        raise ShapeError("out", f"has shape {out.shape}", f"give a writable C-contiguous array of shape {shape}")
+    if not out.flags.writeable:
+        raise ArgumentError("out", "is read-only", "give a writable array")
+    if out.shape != shape or not out.flags.c_contiguous:
+        raise ShapeError("out", f"has shape {out.shape}", f"give a C-contiguous array of shape {shape}")
     return out
 
 
@@ -51,6 +53,9 @@ def in_batches(
     """Run `operation(source[s], target[s], s)` over slices of at most `batch`; of exactly `batch` if `exact`."""
     if exact and len(source) % batch:
         raise ShapeError("batch", f"has {len(source)} bodies", f"the plan has frames for {batch} at a time")
+    if np.may_share_memory(source, target):
+        # A later batch would read what an earlier one wrote.
+        raise ArgumentError("out", "shares memory with the input", "give an array of its own")
     for start in range(0, len(source), batch):
         some = slice(start, min(start + batch, len(source)))
         operation(source[some], target[some], some)

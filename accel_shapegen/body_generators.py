@@ -131,6 +131,13 @@ def _transform(
     """Far fields (total, *nodes.shape), in frames if there are any, and bounding boxes (total, 2, dim)."""
     u, bounds = np.empty((total, *nodes.shape), dtype=options["dtype"]), np.empty((total, 2, nodes.dim))
     for index, body in _counted(bodies, total):
+        if isinstance(body, VoxelGrid) and not np.any(body.values):
+            spans = " × ".join(f"{length:g}" for length in body.box.lengths)
+            raise ArgumentError(
+                f"bodies[{index}]",
+                f"is empty: no cell of its {spans} m box is occupied",
+                "give finer voxels or a smaller box (are the body's lengths metres?)",
+            )
         if chosen is None:
             generator = far_field(body, nodes, **options)
         else:

@@ -5,6 +5,7 @@ What a person or program did wrong is one line on stderr and exit status 2; `--d
 
 from __future__ import annotations
 
+import io
 import sys
 import traceback
 from collections.abc import Sequence
@@ -35,6 +36,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     # The base of every error in the arguments themselves; typer exports none of its names but this one's child's.
     usage_error: Any = next(kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException")
+    for stream in (sys.stdout, sys.stderr):
+        # A console that is not UTF-8 gets a question mark for a frame or a ×, not a traceback after the work is done.
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
     session = Session()
     try:
         status = command().main(
@@ -48,6 +53,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _fail(session, error, error.format_message().replace("\n", " "))
     except (ShapegenError, OSError) as error:
         return _fail(session, error, str(error))
+    except MemoryError as error:
+        return _fail(session, error, f"out of memory ({error}): give smaller sizes")
     except (KeyboardInterrupt, typer.Abort):
         print("interrupted", file=sys.stderr)
         return INTERRUPTED

@@ -166,7 +166,7 @@ class ShapeModel:
         """
         axes = _axes(knots, boundary, basis, names)
         _require_nodes(nodes)
-        generators = np.asarray(u)
+        generators = arguments.plain_array("u", u)
         if generators.dtype.name not in arguments.REAL_OF:
             raise DtypeError("u", f"has dtype {generators.dtype}", "give complex64 or complex128 values")
         shape = (*(len(axis.knots) for axis in axes), *nodes.shape)
@@ -499,12 +499,16 @@ def _require_nodes(nodes: Any) -> None:
 def _axes(
     knots: Sequence[ArrayLike], boundary: Boundary, basis: Basis, names: Sequence[str] | None
 ) -> tuple[splines.SplineAxis, ...]:
+    arguments.sequence("knots", knots, "arrays, one per axis")
     if (isinstance(knots, np.ndarray) and knots.ndim == 1) or not len(knots):
         raise ShapeError("knots", f"is one {type(knots).__name__}", "give a sequence of arrays, one per axis")
     if names is None:
         names = [f"lambda_{j + 1}" for j in range(len(knots))]
-    if len(names) != len(knots):
+    if len(arguments.sequence("names", names, "strings")) != len(knots):
         raise ShapeError("names", f"has {len(names)} entries", f"give {len(knots)}, one per axis")
+    for j, name in enumerate(names):
+        if not isinstance(name, str) or not name.strip() or name in names[:j]:
+            raise ArgumentError(f"names[{j}]", f"is {name!r}", "give distinct non-empty strings")
     return tuple(
         splines.SplineAxis(axis, boundary=boundary, basis=basis, name=name)
         for axis, name in zip(knots, names, strict=True)

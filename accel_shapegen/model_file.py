@@ -49,6 +49,8 @@ def write(model: ShapeModel, path: Path) -> Path:
     arrays |= {name: getattr(model, name) for name in OPTIONAL if getattr(model, name) is not None}
     if isinstance(model.nodes, ScatteredNodes):
         arrays |= {"directions": model.nodes.directions, "wavenumbers": model.nodes.wavenumbers}
+    if path.exists() and not path.is_file():
+        raise ModelFileError(str(path), "is there and is not a file", "give another path")
     if not path.parent.is_dir():
         raise MissingFileError(str(path), "is in a folder that does not exist", f"make {path.parent} first")
     with _replacing(path) as file:

@@ -44,8 +44,8 @@ class FourierLattice:
     def __init__(self, box: Box, order: int | Sequence[int], mu: float = 0.01) -> None:
         if not isinstance(box, Box):
             raise DtypeError("box", f"is a {type(box).__name__}", "give a Box")
-        if not 0 < mu < 1:
-            raise ArgumentError("mu", f"is {mu}", "give 0 < mu < 1")
+        if not _is_real(mu) or not 0 < mu < 1:
+            raise ArgumentError("mu", f"is {mu!r}", "give 0 < mu < 1")
         object.__setattr__(self, "box", box)
         object.__setattr__(self, "order", arguments.counts("order", order, box.dim))
         object.__setattr__(self, "mu", float(mu))
@@ -138,7 +138,7 @@ class FourierLattice:
 
     def unpack(self, half: ArrayLike, *, symmetry: Literal["far field", "fourier"] = "far field") -> NDArray[Any]:
         """The inverse of `pack`: (..., (size + 1) // 2) → (..., *shape)."""
-        values = np.asarray(half)
+        values = arguments.plain_array("half", half)
         if values.dtype.kind != "c":
             raise DtypeError("half", f"has dtype {values.dtype}", "give complex values")
         if values.ndim < 1 or values.shape[-1] != (self.size + 1) // 2:
@@ -147,7 +147,7 @@ class FourierLattice:
         return whole.reshape(*values.shape[:-1], *self.shape)
 
     def _flat(self, name: str, u: ArrayLike) -> NDArray[Any]:
-        array = np.asarray(u)
+        array = arguments.plain_array(name, u)
         if array.dtype.kind != "c":
             raise DtypeError(name, f"has dtype {array.dtype}", "give complex values")
         if array.shape[-self.dim :] != self.shape:
@@ -191,9 +191,10 @@ class ScatteredNodes:
             raise ArgumentError(
                 "directions", f"has length {lengths[wrong[0]]:.9g} at index {wrong[0]}", "give unit vectors"
             )
-        wrong = np.flatnonzero(k <= 0)
+        # Squares of k must neither vanish nor overflow; no body in metres needs a wavenumber outside.
+        wrong = np.flatnonzero((k < 1e-100) | (k > 1e100))
         if wrong.size:
-            raise ArgumentError("wavenumbers", f"is {k[wrong[0]]} at index {wrong[0]}", "give k > 0")
+            raise ArgumentError("wavenumbers", f"is {k[wrong[0]]} at index {wrong[0]}", "give k > 0, 1e-100 to 1e100")
         object.__setattr__(self, "directions", _read_only(d.copy()))
         object.__setattr__(self, "wavenumbers", _read_only(k.copy()))
 
@@ -267,15 +268,19 @@ def order_from_noise(delta: float, dim: int, tau: float | None = None) -> int:
     """
     if dim not in (2, 3):
         raise ArgumentError("dim", f"is {dim!r}", "give 2 or 3")
-    if not 0 < delta <= 1:
-        raise ArgumentError("delta", f"is {delta}", "give 0 < delta <= 1")
-    tau = float(dim) if tau is None else float(tau)
-    if not (math.isfinite(tau) and tau >= dim):
-        raise ArgumentError("tau", f"is {tau}", f"give tau >= {dim}")
+    if not _is_real(delta) or not 0 < delta <= 1:
+        raise ArgumentError("delta", f"is {delta!r}", "give 0 < delta <= 1")
+    tau = float(dim) if tau is None else tau
+    if not (_is_real(tau) and math.isfinite(tau) and tau >= dim):
+        raise ArgumentError("tau", f"is {tau!r}", f"give tau >= {dim}")
     bound = tau * delta ** (-2 / (2 + dim))
     nearest = round(bound)
     # 2 · 0.01^(-1/2) comes out a few ulp above 20; the bound itself is an integer there.
     return nearest if abs(bound - nearest) <= 8 * math.ulp(bound) else math.ceil(bound)
+
+
+def _is_real(value: object) -> bool:
+    return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
 
 
 def _read_only(array: NDArray[Any]) -> NDArray[Any]:

@@ -41,7 +41,7 @@ def add_noise(u: ArrayLike, delta: float, seed: int) -> NDArray[Any]:
     ArgumentError
         A level outside (0, 1], or a seed that is not such an integer.
     """
-    exact = np.asarray(u)
+    exact = arguments.plain_array("u", u)
     if exact.dtype.kind != "c":
         raise DtypeError("u", f"has dtype {exact.dtype}", "give complex64 or complex128 values")
     exact = arguments.complex_array("u", exact, arguments.complex_dtype("u", exact.dtype))

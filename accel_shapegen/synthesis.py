@@ -256,7 +256,7 @@ def synthesize(
 def _generators(u: ArrayLike, lattice: FourierLattice, *, check: bool) -> NDArray[Any]:
     if not isinstance(lattice, FourierLattice):
         raise DtypeError("lattice", f"is a {type(lattice).__name__}", "give a FourierLattice")
-    array = np.asarray(u)
+    array = arguments.plain_array("u", u)
     if array.dtype.name not in arguments.REAL_OF:
         raise DtypeError("u", f"has dtype {array.dtype}", "give complex64 or complex128 values")
     batches.leading("u", array.shape, lattice.shape)

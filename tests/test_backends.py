@@ -130,3 +130,12 @@ print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
     assert done.stdout.split() == ["2"], done.stderr
+
+
+def test_wishes_that_are_no_names_or_numbers() -> None:
+    with pytest.raises(ArgumentError, match="backend: is a list"):
+        backends.get(["opencl"])  # type: ignore[arg-type]
+    with pytest.raises(ArgumentError, match=r"device: is 1\.5"):
+        backends.get("opencl", device=1.5)  # type: ignore[arg-type]
+    with pytest.raises(BackendError, match="'²' matches none"):
+        backends.get("opencl", device="²")

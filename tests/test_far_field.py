@@ -247,3 +247,36 @@ SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 def test_bad_input(call, error, message) -> None:
     with pytest.raises(error, match=message):
         call()
+
+
+@pytest.mark.parametrize("backend", ["opencl", "reference"])
+def test_out_that_overlaps_the_input_is_refused(backend: str, rng: np.random.Generator) -> None:
+    """With a batch of one, the first result would overwrite the second body before it is read."""
+    plan = asg.plan_far_field(Grid(Box((1, 1)), 8), L2, dtype="complex128", backend=backend)
+    store = np.zeros(2**13)
+    values = store[:256].reshape(4, 8, 8)
+    values[...] = rng.normal(size=values.shape)
+    out = store[64 : 64 + 2 * 4 * L2.size].view(np.complex128).reshape(4, *L2.shape)
+    with pytest.raises(ArgumentError, match="out: shares memory with the input"):
+        plan.apply(values, out=out)
+
+
+def test_a_far_point_outside_the_box_does_not_loosen_the_others(opencl: Backend, rng: np.random.Generator) -> None:
+    """Nearly symmetric points may be folded only within rounding of the points that count."""
+    half = np.array([0.1, 0.3, 0.55, 0.8])
+    inner = np.concatenate([-half[::-1], half + 1e-9])
+    grid = Grid.from_axes([[-1e9, *inner, 1e9], inner])
+    u = rng.normal(size=L2.shape) + 1j * rng.normal(size=L2.shape)
+    field, exact = (asg.synthesize(u, L2, grid, backend=backend) for backend in (opencl, "reference"))
+    assert relative_error(field, exact) < 1e-12
+
+
+def test_masked_generators_are_refused() -> None:
+    masked = np.ma.masked_array(np.ones(L2.shape, complex), mask=True)
+    for call in (
+        asg.fourier_coefficients,
+        lambda u, lattice: asg.add_noise(u, 0.1, 0),
+        lambda u, lattice: lattice.pack(u),
+    ):
+        with pytest.raises(ArgumentError, match="u: has masked entries"):
+            call(masked, L2)

@@ -313,6 +313,11 @@ KITE = asg.bodies.kite(0.5, 0.5)
         (lambda: fit(boundary="periodic"), ArgumentError, "boundary: is 'periodic'"),
         (lambda: fit(basis="bezier"), ArgumentError, "basis: is 'bezier'"),
         (lambda: fit(names=["a", "b"]), ShapeError, "names: has 2 entries"),
+        (lambda: fit(names=[5]), ArgumentError, r"names\[0\]: is 5"),
+        (lambda: fit(names=5), DtypeError, "names: is a int"),
+        (lambda: fit(knots=5), DtypeError, "knots: is a int"),
+        (lambda: fit(knots=[[0, 1, 1 + 1e-9, 2]]), KnotError, "nearly equal, at index 1"),
+        (lambda: fit(u=np.ma.masked_array(BAD, mask=True)), ArgumentError, "u: has masked entries"),
         (lambda: fit(nodes=3), DtypeError, "nodes: is a int"),
         (lambda: fit(backend="metal"), BackendError, "'metal' is not registered"),
         (lambda: fit(names=["height"]).predict([[1.2], [2.7]]), QueryRangeError, r"height.*2\.7"),
@@ -343,3 +348,17 @@ KITE = asg.bodies.kite(0.5, 0.5)
 def test_bad_input(call, error, message) -> None:
     with pytest.raises(error, match=message):
         call()
+
+
+def test_a_training_body_without_a_cell_is_refused() -> None:
+    """Millimetres taken for metres: the box is a thousand times too large, and no cell centre is in the body."""
+    lattice = FourierLattice(Box((1600.0,) * 3), 2)
+    empty = asg.voxelize(asg.bodies.ball(0.4), Grid(lattice.box, 20))
+    with pytest.raises(ArgumentError, match=r"bodies\[0\]: is empty.*metres"):
+        ShapeModel.fit_bodies([[0, 1]], [empty, empty], lattice)
+
+
+def test_a_model_is_not_saved_over_a_folder(tmp_path: Path, rng: np.random.Generator) -> None:
+    model = ShapeModel.fit(KNOTS[:1], generators(KNOTS[:1], LATTICE, rng), LATTICE)
+    with pytest.raises(ModelFileError, match="is there and is not a file"):
+        model.save(tmp_path)

@@ -101,8 +101,14 @@ def test_pack_refuses_what_it_would_lose(rng: np.random.Generator) -> None:
         (lambda: far_field_constant(1.0, 3, "printed"), ArgumentError, "convention"),
         (lambda: order_from_noise(0.0, 3), ArgumentError, "delta: is 0.0"),
         (lambda: order_from_noise(1.5, 3), ArgumentError, "delta: is 1.5"),
-        (lambda: order_from_noise(0.1, 3, tau=2), ArgumentError, "tau: is 2.0"),
+        (lambda: order_from_noise(0.1, 3, tau=2), ArgumentError, "tau: is 2"),
         (lambda: order_from_noise(0.1, 1), ArgumentError, "dim: is 1"),
+        (lambda: order_from_noise("x", 2), ArgumentError, "delta: is 'x'"),
+        (lambda: order_from_noise(0.1, 2, tau="x"), ArgumentError, "tau: is 'x'"),
+        (lambda: FourierLattice(Box((1, 1)), 2, mu=None), ArgumentError, "mu: is None"),
+        (lambda: FourierLattice(Box((1, 1)), 10**12), ArgumentError, "order: is 1000000000000"),
+        (lambda: ScatteredNodes([[1.0, 0.0]], [1e-170]), ArgumentError, "wavenumbers: is 1e-170"),
+        (lambda: Box((1e-110, 1.0)), ArgumentError, "lengths: is 1e-110"),
     ],
 )
 def test_bad_input(make, error, message) -> None:

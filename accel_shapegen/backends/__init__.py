@@ -1,8 +1,9 @@
 """The registry: which backends and devices there are, and which one a call gets.
 
-`backend=None` takes the best usable device that has the operation: CUDA through Warp, an OpenCL GPU, an OpenCL
-CPU, then NumPy. `ACCEL_SHAPEGEN_BACKEND` and `ACCEL_SHAPEGEN_DEVICE` (a number, or part of a device's label) override
-that. A backend asked for by name and missing is an error, never a silent fallback.
+`backend=None` takes the best usable device that has the operation: an OpenCL GPU, an OpenCL CPU, then NumPy.
+`ACCEL_SHAPEGEN_BACKEND` and `ACCEL_SHAPEGEN_DEVICE` (a number, or part of a device's label) override that, but for
+operations that the device named there lacks: polygons are transformed by the reference. A backend asked for by name
+in a call and missing is an error, never a silent fallback.
 """
 
 from __future__ import annotations
@@ -101,7 +102,11 @@ def get(name: str | Backend | None = None, *, operation: str | None = None, devi
     """
     if operation is not None and operation not in OPERATIONS:
         raise ArgumentError("operation", f"is {operation!r}", "give one of " + ", ".join(OPERATIONS))
+    if device is not None and (isinstance(device, bool) or not isinstance(device, (int, str))):
+        raise ArgumentError("device", f"is {device!r}", "give an index, or a part of a device's label")
     if name is not None and not isinstance(name, str):
+        if isinstance(name, type) or not isinstance(name, Backend):
+            raise ArgumentError("backend", f"is a {type(name).__name__}", "give a registered name or a Backend")
         return _with_operation(name, operation)
     named = name or os.environ.get("ACCEL_SHAPEGEN_BACKEND") or None
     wanted = device if device is not None else os.environ.get("ACCEL_SHAPEGEN_DEVICE") or None
@@ -131,7 +136,7 @@ def _match(pool: list[DeviceInfo], wanted: int | str | None, named: str | None) 
         raise BackendError(subject, f"{named!r} has no usable device: {problems}", _hint(named or ""))
     if wanted is None:
         return usable[0]
-    if isinstance(wanted, int) or wanted.isdigit():
+    if isinstance(wanted, int) or wanted.isdecimal():
         matching = [info for info in usable if info.index == int(wanted)]
     else:
         matching = [info for info in usable if wanted.lower() in f"{info.platform} {info.label}".lower()]

@@ -24,7 +24,7 @@ VARIABLES = {
     "POCL_MAX_PTHREAD_COUNT": "PoCL's threads; all cores if not set",
     "POCL_AFFINITY": "1 ties PoCL's threads to cores, which can slow NumPy's threads in the same process",
 }
-ORDER = "CUDA through Warp, then an OpenCL GPU, then an OpenCL CPU (an installed PoCL before the wheel's), then NumPy"
+ORDER = "an OpenCL GPU, then an OpenCL CPU (an installed PoCL before the wheel's), then NumPy"
 
 
 def devices(as_json: AsJson = False, debug: Debug = False) -> int:

@@ -93,7 +93,7 @@ def knots(option: str, text: str) -> tuple[str, NDArray[np.float64]]:
         return name, np.array(numbers, dtype=np.float64)
     parts = values.split(":")
     ends = [finite(part) for part in parts[:2]]
-    if len(parts) != 3 or None in ends or not parts[2].strip().isdigit() or int(parts[2]) < 2:
+    if len(parts) != 3 or None in ends or not parts[2].strip().isdecimal() or int(parts[2]) < 2:
         raise ArgumentError(option, f"is {text!r}", example)
     return name, np.linspace(ends[0], ends[1], int(parts[2]))  # type: ignore[arg-type]
 

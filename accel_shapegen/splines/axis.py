@@ -18,6 +18,9 @@ from .coefficients import BOUNDARIES, apply_matrices, prefilter_matrix
 # the local form, and in exchange there is nothing to prefilter, the data come back to the bit at the knots, and all
 # queries share their coefficients, so that the contraction is one dense matrix product.
 CARDINAL_KNOTS = 8
+# A gap this much smaller than the one beside it is a repeated knot with noise in its last digits. Slopes across it
+# divide the data's rounding by it, and complex64 data have no digit left at about 1e-7.
+LEAST_GAP = 1e-6
 
 Extrapolate = Literal["linear"] | None
 
@@ -201,6 +204,16 @@ def _checked_knots(subject: str, knots: ArrayLike) -> NDArray[np.float64]:
         i = int(wrong[0]) + 1
         raise KnotError(
             subject, f"hold {values[i]} at index {i} after {values[i - 1]}", "give strictly increasing values"
+        )
+    gaps = np.diff(values)
+    beside = np.maximum(np.append(gaps[1:], 0), np.insert(gaps[:-1], 0, 0))
+    wrong = np.flatnonzero(gaps < LEAST_GAP * beside)
+    if wrong.size:
+        i = int(wrong[0])
+        raise KnotError(
+            subject,
+            f"hold {float(values[i])!r} and {float(values[i + 1])!r}, nearly equal, at index {i}",
+            "merge them: rounding of the data would be divided by their distance",
         )
     values.setflags(write=False)
     return values

@@ -185,7 +185,9 @@ def zero_row(spec: TensorSpec, bodies: slice) -> Array:
 
 def _slack(axis: TensorAxis, dtype: np.dtype[Any]) -> float:
     """By how much the greatest angle may change [rad]: a few roundings of a coordinate, or an eighth of epsilon."""
-    greatest = abs(axis.step) * axis.order * float(np.abs(axis.points).max())
+    # A masked point far away has no matrix entry, and must not excuse those that have.
+    counted = np.abs(axis.points) if axis.mask is None else np.where(axis.mask, np.abs(axis.points), 0)
+    greatest = abs(axis.step) * axis.order * float(counted.max())
     return float(max(np.finfo(dtype).eps / 8, 4 * np.finfo(np.float64).eps * greatest))
 
 
