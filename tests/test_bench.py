@@ -27,10 +27,11 @@ from bench.timing import LEAST_ROUNDS, Ratio, interleave, strides  # noqa: E402
 RIVALS = {
     "synthesis": {"numpy-separable", "scipy-irfftn", "scipy-irfft-pruned", "finufft-type2"},
     "lattice_far_field": {"numpy-separable", "scipy-rfftn", "scipy-rfft-pruned", "finufft-type1"},
+    "mesh_far_field": {"finufft-type1, one component", "finufft-type1, three components"},
     "scattered_far_field": {"finufft-type2", "finufft-type3"},
     "spline": {"numpy-gemm", "scipy-cubicspline", "scipy-ndbspline"},
 }
-BODIES = {"synthesis": 1, "lattice_far_field": 1, "scattered_far_field": 3, "spline": 1}
+BODIES = {"synthesis": 1, "lattice_far_field": 1, "mesh_far_field": 1, "scattered_far_field": 3, "spline": 1}
 
 # Sums to rounding: products of a few hundred terms and the cancellation of a mean-free body's projection.
 ROUNDING = 50

@@ -217,10 +217,10 @@ SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
             BackendError,
             "'cuda' is not",
         ),
-        (lambda: asg.far_field(Polygons([SQUARE]), L2, backend="opencl"), BackendError, "no polygon_transform"),
+        (lambda: asg.far_field(Polygons([SQUARE]), L2, eps=1e-9, backend="opencl"), ArgumentError, "eps: is 1e-09"),
         (lambda: asg.far_field(Polygons([SQUARE[::-1]]), L2), MeshError, "area -1"),
         (lambda: asg.far_field(Polygons([SQUARE * 4]), L2), OutsideBoxError, "body: reaches from 0 to 4"),
-        (lambda: asg.far_field(asg.bodies.cuboid(1, 1, 1), L3), ArgumentError, "TriangleMesh; voxelise it first"),
+        (lambda: asg.far_field(asg.bodies.cuboid(1, 1, 3), L3), OutsideBoxError, "body: reaches from -1.5 to 1.5"),
         (lambda: asg.far_field(Polygons([SQUARE]), L2, frame=Frame((0, 0, 0), 1)), ShapeError, "frame"),
         (lambda: asg.far_field([Polygons([SQUARE])], L2, frame=[]), ShapeError, "frame: has 0 entries"),
         (

@@ -58,7 +58,7 @@ MAY_IMPORT = {
     "front": {"foundation", "numerics", "bodies", "backends", "operations"},
 }  # fmt: skip
 LAYERS = {
-    "foundation": ["errors", "arguments", "geometry", "nodes"],
+    "foundation": ["errors", "arguments", "geometry", "nodes", "kernel_window", "quadrature"],
     "numerics": [
         "batches", "frames", "metrics", "noise", "progress", "shading", "splines", "surface", "testing",
         "voxelize",
@@ -67,8 +67,8 @@ LAYERS = {
     "bodies": ["bodies"],
     "kernels": ["kernels"],
     "operations": [
-        "adequacy", "adequacy_report", "body_generators", "far_field", "fields", "model", "model_file", "synthesis",
-        "training_set", "voxel_transform",
+        "adequacy", "adequacy_report", "body_generators", "far_field", "fields", "mesh_far_field", "mesh_transform",
+        "model", "model_file", "synthesis", "training_set", "voxel_transform",
     ],
     "drivers": ["adequacy_plot", "dataset", "demo", "experiments", "interop", "report", "volume_files"],
     "cli": ["cli", "commands"],

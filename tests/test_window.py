@@ -10,8 +10,8 @@ import pytest
 
 pytest.importorskip("pyopencl")  # the window's package loads it
 
-from accel_shapegen.backends.opencl.kernel_window import SIGMA_RANGE, Window, candidates
 from accel_shapegen.backends.opencl.scattered import LEAST_EPS
+from accel_shapegen.kernel_window import SIGMA_RANGE, Window, candidates
 
 WINDOWS = [Window(2, 1.25), Window(3, 2.0), Window(5, 1.5), Window(8, 1.9), Window(13, 2.5), Window(16, 1.3)]
 EPS64 = float(np.finfo(np.float64).eps)

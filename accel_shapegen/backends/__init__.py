@@ -17,7 +17,14 @@ from ..errors import ArgumentError, BackendError
 from .base import Backend, DeviceInfo
 
 GROUP = "accel_shapegen.backends"
-OPERATIONS = ("tensor_transform", "scattered_transform", "spline_contract", "polygon_transform")
+OPERATIONS = (
+    "tensor_transform",
+    "scattered_transform",
+    "mesh_spread",
+    "spline_contract",
+    "polygon_transform",
+    "mesh_transform",
+)
 # Known even where the package is not installed and so has no entry points.
 _OWN = {
     name: EntryPoint(name, value, GROUP)

@@ -17,6 +17,9 @@ from typing import Any, ClassVar, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from ..kernel_window import Window
+from ..quadrature import Rule
+
 Array = NDArray[Any]
 
 
@@ -123,6 +126,44 @@ class SplineSpec:
     dtype: np.dtype[Any]
 
 
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """A closed surface in 3-D, or closed polygons in 2-D, as pieces with a quadrature rule each.
+
+    Attributes
+    ----------
+    vertices : float64, shape (V, d)
+        Corners in cells: index i of the grid is the coordinate i.
+    simplices : int64, shape (T, d)
+        Triangles, or edges.
+    strengths : float64, shape (T,)
+        What a piece adds to the sum in all, in faces of a cell: minus its outward normal's component along
+        `MeshSpreadSpec.axis`, times its area.
+    rule : uint8, shape (T,)
+        Index into `MeshSpreadSpec.rules`.
+    """
+
+    vertices: Array
+    simplices: Array
+    strengths: Array
+    rule: Array
+
+
+@dataclass(frozen=True, eq=False)
+class MeshSpreadSpec:
+    """V[g] = Σ_{g' ≤ g along `axis`} Σ_p s_p Π_j φ_j(x_pj - g'_j): a closed surface as smooth voxels, in 2-D or 3-D.
+
+    The points x_p [cells] are those of each piece's rule; s_p is the piece's strength times the rule's weight.
+    Pieces lie so far inside that no window reaches out of the grid.
+    """
+
+    shape: tuple[int, ...]
+    axis: int
+    windows: tuple[Window, ...]  # φ_j
+    rules: tuple[Rule, ...]
+    dtype: np.dtype[Any]
+
+
 class TensorPlan(Protocol):
     """`tensor_transform`, planned."""
 
@@ -145,6 +186,15 @@ class ScatteredPlan(Protocol):
 
     def adjoint(self, u: Array, out: Array | None = None) -> Array:
         """(b, J) complex → (b, *shape) real."""
+
+
+class MeshSpreadPlan(Protocol):
+    """`mesh_spread`, planned."""
+
+    device: str
+
+    def forward(self, surfaces: Sequence[Surface], out: Array | None = None) -> Array:
+        """b surfaces → (b, *shape) real."""
 
 
 class SplinePlan(Protocol):
@@ -189,8 +239,8 @@ class DeviceInfo:
 class Backend(Protocol):
     """A factory of plans on one device.
 
-    `name` is the registry's; `operations` says which of `tensor_transform`, `scattered_transform`,
-    `spline_contract` and `polygon_transform` it has.
+    `name` is the registry's; `operations` says which of `tensor_transform`, `scattered_transform`, `mesh_spread`,
+    `spline_contract`, `polygon_transform` and `mesh_transform` it has. The last two are exact sums, for the reference.
     """
 
     name: ClassVar[str]

@@ -7,12 +7,13 @@ exact. Results are rounded to the plan's precision at the very end.
 from __future__ import annotations
 
 import platform
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import ClassVar
 
 import numpy as np
 
-from .base import Array, DeviceInfo, ScatteredSpec, SplineSpec, TensorSpec
+from . import reference_mesh
+from .base import Array, DeviceInfo, MeshSpreadSpec, ScatteredSpec, SplineSpec, TensorSpec
 
 # Nodes handled at a time by the scattered sum: bounds the temporaries (nodes × n_1 × n_2 complex) to ~100 MB at 100³.
 NODES_AT_ONCE = 512
@@ -23,7 +24,14 @@ class ReferenceBackend:
 
     name: ClassVar[str] = "reference"
     operations: ClassVar[frozenset[str]] = frozenset(
-        {"tensor_transform", "scattered_transform", "spline_contract", "polygon_transform"}
+        {
+            "tensor_transform",
+            "scattered_transform",
+            "mesh_spread",
+            "spline_contract",
+            "polygon_transform",
+            "mesh_transform",
+        }
     )
 
     @classmethod
@@ -44,6 +52,10 @@ class ReferenceBackend:
         """Voxel grid to arbitrary nodes; exact, whatever `eps` asks."""
         return ReferenceScatteredPlan(spec, self.info.label)
 
+    def plan_mesh_spread(self, spec: MeshSpreadSpec) -> reference_mesh.ReferenceMeshSpreadPlan:
+        """Closed surfaces to smooth voxels."""
+        return reference_mesh.ReferenceMeshSpreadPlan(spec, self.info.label)
+
     def plan_spline_contract(self, spec: SplineSpec) -> ReferenceSplinePlan:
         """Spline coefficients to queries."""
         return ReferenceSplinePlan(spec, self.info.label)
@@ -51,6 +63,18 @@ class ReferenceBackend:
     def polygon_transform(self, rings: Sequence[Array], kappa: Array) -> Array:
         """∫_D exp(-iκ·y) dy for the polygon with these rings; see `polygon_transform` below."""
         return polygon_transform(rings, kappa)
+
+    def mesh_transform(self, vertices: Array, faces: Array, kappa: Array) -> Array:
+        """∫_D exp(-iκ·y) dy for the body inside a closed mesh; see `reference_mesh`."""
+        return reference_mesh.mesh_transform(vertices, faces, kappa)
+
+    def mesh_transform_tensor(self, vertices: Array, faces: Array, axes: Sequence[Array]) -> Array:
+        """The same on a tensor grid of wavenumbers."""
+        return reference_mesh.mesh_transform_tensor(vertices, faces, axes)
+
+    def mesh_gradient(self, vertices: Array, faces: Array, greatest: Array, wave: Callable[[Array], Array]) -> Array:
+        """The derivative of ∫_D p(y) dy in the vertices, for a field p of waves."""
+        return reference_mesh.mesh_gradient(vertices, faces, greatest, wave)
 
 
 class ReferenceTensorPlan:

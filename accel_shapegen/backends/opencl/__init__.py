@@ -6,7 +6,17 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, ClassVar
 
 from ...errors import BackendError
-from ..base import DeviceInfo, ScatteredPlan, ScatteredSpec, SplinePlan, SplineSpec, TensorPlan, TensorSpec
+from ..base import (
+    DeviceInfo,
+    MeshSpreadPlan,
+    MeshSpreadSpec,
+    ScatteredPlan,
+    ScatteredSpec,
+    SplinePlan,
+    SplineSpec,
+    TensorPlan,
+    TensorSpec,
+)
 
 if TYPE_CHECKING:
     from .runtime import Runtime
@@ -16,7 +26,9 @@ class OpenCLBackend:
     """Plans on one OpenCL device."""
 
     name: ClassVar[str] = "opencl"
-    operations: ClassVar[frozenset[str]] = frozenset({"tensor_transform", "scattered_transform", "spline_contract"})
+    operations: ClassVar[frozenset[str]] = frozenset(
+        {"tensor_transform", "scattered_transform", "mesh_spread", "spline_contract"}
+    )
 
     @classmethod
     def probe(cls) -> Sequence[DeviceInfo]:
@@ -46,6 +58,12 @@ class OpenCLBackend:
         from .scattered import OpenCLScatteredPlan
 
         return OpenCLScatteredPlan(self.runtime, self.info.label, spec)
+
+    def plan_mesh_spread(self, spec: MeshSpreadSpec) -> MeshSpreadPlan:
+        """Closed surfaces to smooth voxels."""
+        from .mesh import OpenCLMeshSpreadPlan
+
+        return OpenCLMeshSpreadPlan(self.runtime, self.info.label, spec)
 
     def plan_spline_contract(self, spec: SplineSpec) -> SplinePlan:
         """Spline coefficients to queries."""

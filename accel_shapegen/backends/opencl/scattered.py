@@ -18,8 +18,8 @@ import numpy as np
 import pyopencl as cl
 
 from ...errors import ArgumentError
+from ...kernel_window import Window, candidates
 from ..base import Array, ScatteredSpec
-from .kernel_window import Window, candidates
 from .runtime import Runtime, input_array, output_array, require_bodies
 from .scattered_lattice import Band, CentredNodes, cost, crowding, padded
 from .scattered_layout import Product, Sizes, last_matrices, node_tables

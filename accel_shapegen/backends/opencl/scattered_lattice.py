@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...kernel_window import Window
 from ..base import Array
-from .kernel_window import Window
 
 
 def padded(count: int) -> int:

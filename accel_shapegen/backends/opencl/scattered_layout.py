@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...kernel_window import Window
 from ..base import Array
-from .kernel_window import Window
 from .scattered_lattice import Band, CentredNodes, padded
 
 Three = tuple[int, int, int]

@@ -85,6 +85,12 @@ class Window:
         sums = (self.weights(s)[:, None, :] * np.exp(1j * offset[:, None, :] * theta[:, None])).sum(axis=-1)
         return float(np.abs(sums / self.transform(theta) - 1).max())
 
+    @cached_property
+    def edge_gain(self) -> float:
+        """φ̂(0)/φ̂(π/σ): how much more is deconvolved at the edge of the band than at its centre."""
+        middle, edge = self.transform(np.array([0.0, np.pi / self.sigma]))
+        return float(middle / edge)
+
     def rounding(self, axes: int, unit: float) -> float:
         """Rounding error, for a unit roundoff, of the transform of a voxel at θ = π/σ on every axis.
 
