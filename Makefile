@@ -12,17 +12,21 @@ VENV := .venv
 BIN := $(VENV)/bin
 comma := ,
 
-.PHONY: help demo test test-slow test-all lint format bench bench-smoke clean
+.PHONY: help demo reproduce test test-slow test-all lint format bench bench-smoke clean
 # Two installs at once into one environment would break it.
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 
 help:
 	@echo 'make demo      human bodies that were in no training set, into out/demo'
+	@echo 'make reproduce the experiments of the paper and the forward check, into out/reproduce'
 	@echo 'make test      the tests, less the slow ones (make test-slow, make test-all)'
 	@echo 'make lint      ruff and mypy; make format mends what ruff can'
 	@echo 'make bench     every case against its contenders, into out/bench (make bench-smoke only checks that they run)'
 	@echo 'make clean     removes all that the others made, .venv included'
+
+reproduce: $(VENV)/.has-fem
+	$(BIN)/accel-shapegen reproduce all --out out/reproduce
 
 demo: $(VENV)/.has-demo
 	$(BIN)/accel-shapegen demo --out out/demo
@@ -58,6 +62,7 @@ clean:
 EXTRAS_demo = $(POCL),plot
 EXTRAS_test = $(POCL),test
 EXTRAS_lint = lint
+EXTRAS_fem = $(POCL),plot,fem
 EXTRAS_bench = $(POCL),bench
 
 # Editable, since Python started in this folder would find the folder before an installed copy.

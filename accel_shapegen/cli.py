@@ -1,4 +1,4 @@
-"""The command line: `accel-shapegen devices | demo | train | generate`.
+"""The command line: `accel-shapegen devices | demo | train | generate | reproduce`.
 
 What a person or program did wrong is one line on stderr and exit status 2; `--debug` shows where it was noticed.
 """

@@ -10,11 +10,12 @@ from .demo import demo
 from .devices import devices
 from .generate import generate
 from .options import Session
+from .reproduce import reproduce
 from .train import train
 
 __all__ = ["Session", "command"]
 
-VERBS = (devices, demo, train, generate)
+VERBS = (devices, demo, train, generate, reproduce)
 
 
 def command() -> Any:
