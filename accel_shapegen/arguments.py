@@ -88,6 +88,16 @@ def require_finite(name: str, array: NDArray[Any], *, suffix: str = "") -> None:
         raise NonFiniteError(name, f"is {array[index]} at index {index}{suffix}", "give finite values")
 
 
+def require_in_range(name: str, result: NDArray[Any], dtype: Any) -> None:
+    """Raise `ArgumentError` where finite input gave a result that `dtype` cannot hold."""
+    try:
+        require_finite(name, result)
+    except NonFiniteError as error:
+        raise ArgumentError(
+            name, f"overflows {np.dtype(dtype)} on the way", "scale it down, or use complex128"
+        ) from error
+
+
 def lengths(name: str, value: Sequence[float] | float, *, dim: int | None = None) -> tuple[float, ...]:
     """Positive finite lengths, one per axis; with `dim`, one number stands for all axes."""
     array = real_array(name, value, np.float64, check=False)

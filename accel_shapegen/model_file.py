@@ -75,6 +75,7 @@ def read(path: Path) -> dict[str, Any]:
     with path.open("rb") as file:
         _verify(file, path)
         try:
+            _require_plain(file)
             with np.load(file, allow_pickle=False) as arrays:
                 header = json.loads(bytes(arrays["header"]).decode())
                 _require_format(header, path)
@@ -113,6 +114,17 @@ def _nodes(header: dict[str, Any], arrays: Any) -> Nodes:
     if header["kind"] == "lattice":
         return FourierLattice(Box(header["box"]), header["order"], mu=header["mu"])
     raise ValueError(f"nodes of kind {header['kind']!r}")
+
+
+def _require_plain(file: BinaryIO) -> None:
+    """Members as `write` stores them: each once, not compressed, so that none is larger than the file it came in."""
+    with zipfile.ZipFile(file) as archive:
+        members = archive.infolist()
+    if any(member.compress_type != zipfile.ZIP_STORED for member in members):
+        raise ValueError("a member is compressed")
+    if len({member.filename for member in members}) < len(members):
+        raise ValueError("a member is there twice")
+    file.seek(0)
 
 
 def _require_coefficients(coefficients: NDArray[Any], axes: tuple[SplineAxis, ...], nodes: Nodes) -> None:

@@ -123,7 +123,7 @@ class SynthesisPlan:
         out : array, shape (..., *grid.shape), optional
             Filled and returned: C-contiguous, real, of the plan's precision.
         check : bool
-            Scan for NaN and infinities.
+            Scan for NaN and infinities, in what comes in and in what comes out.
 
         Returns
         -------
@@ -141,6 +141,8 @@ class SynthesisPlan:
             self.batch,
             exact=self._frame_per_body,
         )
+        if check:
+            arguments.require_in_range("u", result, self.dtype)
         return result
 
     def adjoint(self, field: ArrayLike, *, out: NDArray[Any] | None = None, check: bool = True) -> NDArray[Any]:

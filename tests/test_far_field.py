@@ -280,3 +280,10 @@ def test_masked_generators_are_refused() -> None:
     ):
         with pytest.raises(ArgumentError, match="u: has masked entries"):
             call(masked, L2)
+
+
+def test_a_sum_that_overflows_is_an_error(opencl: Backend) -> None:
+    body = VoxelGrid(np.full((16, 16), 3e38), Box((1.0, 1.0)))
+    with pytest.raises(ArgumentError, match=r"values: overflows complex64 on the way.*complex128"):
+        asg.far_field(body, L2, backend=opencl)
+    assert np.isfinite(asg.far_field(body, L2, dtype="complex128", backend=opencl)).all()

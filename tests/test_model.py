@@ -282,6 +282,23 @@ def test_forged_models_with_a_valid_checksum(tmp_path: Path, forge, rng: np.rand
         ShapeModel.load(path)
 
 
+@pytest.mark.parametrize(("options", "reason"), [({"compression": zipfile.ZIP_DEFLATED}, "compressed"), ({}, "twice")])
+@pytest.mark.filterwarnings("ignore:Duplicate name:UserWarning")
+def test_archives_that_save_does_not_write(tmp_path: Path, options, reason, rng: np.random.Generator) -> None:
+    path = ShapeModel.fit(KNOTS[:1], generators(KNOTS[:1], LATTICE, rng), LATTICE).save(tmp_path / "model.npz")
+    with zipfile.ZipFile(path) as archive:
+        members = [(name, archive.read(name)) for name in archive.namelist()]
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", **options) as archive:
+        archive.comment = b"sha256:" + b"0" * 64
+        for name, content in members if options else [*members, members[0]]:
+            archive.writestr(name, content)
+    body = buffer.getvalue()[:-64]
+    path.write_bytes(body + hashlib.sha256(body).hexdigest().encode())
+    with pytest.raises(ModelFileError, match=reason):
+        ShapeModel.load(path)
+
+
 def test_saving_into_a_folder_that_is_not_there(tmp_path: Path, rng: np.random.Generator) -> None:
     model = ShapeModel.fit(KNOTS[:1], generators(KNOTS[:1], LATTICE, rng), LATTICE)
     with pytest.raises(MissingFileError, match="folder that does not exist"):

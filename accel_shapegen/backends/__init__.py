@@ -116,6 +116,9 @@ def get(name: str | Backend | None = None, *, operation: str | None = None, devi
             raise ArgumentError("backend", f"is a {type(name).__name__}", "give a registered name or a Backend")
         return _with_operation(name, operation)
     named = name or os.environ.get("ACCEL_SHAPEGEN_BACKEND") or None
+    if not name and named is not None and named not in _registered():
+        there = "there are " + ", ".join(sorted(_registered()))
+        raise BackendError("ACCEL_SHAPEGEN_BACKEND", f"{named!r} is not registered", f"{there}; correct or unset it")
     wanted = device if device is not None else os.environ.get("ACCEL_SHAPEGEN_DEVICE") or None
     if named is None and wanted is None:
         return _instance(_best(operation))

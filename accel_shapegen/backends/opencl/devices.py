@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import tempfile
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -165,6 +166,10 @@ def cache_folder() -> Path:
     return Path(tempfile.gettempdir()) / "pocl" / "kcache"
 
 
+# All kernels of all plans of a session, compiled, take a few MiB.
+CACHE_BYTES = 32 * 2**20
+
+
 def cache_problem() -> str | None:
     """What is wrong with that folder and what would do; None when files can be made in it."""
     folder = cache_folder()
@@ -172,7 +177,13 @@ def cache_problem() -> str | None:
         # PoCL makes the folder itself; permission bits say little (root, read-only mounts), so try.
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
-            return None
+            free = shutil.disk_usage(folder).free
+        if free < CACHE_BYTES:
+            return (
+                f"PoCL keeps kernels in {folder}, where {free / 2**20:.0f} MiB are free, and aborts when it runs out: "
+                "free some, or set POCL_CACHE_DIR to another folder"
+            )
+        return None
     except OSError as error:
         return (
             f"PoCL cannot keep kernels in {folder} ({error.strerror or error}), and then hides its devices or fails to "
