@@ -114,8 +114,8 @@ def run_demo(
         between = _predict(model, _morph_values(held_out, morph), synthesis, shown, what="morph")
         exact = [bodies.human(*values) for values in held_out]
         with shown.stage("exact bodies"):
-            figures = [_compare(b, e, model, transform, grid) for b, e in zip(predicted, exact, strict=True)]
-            best = [_best_iou(mesh, transform, synthesis) for mesh in exact]
+            compared = [_compare(b, e, model, transform, synthesis) for b, e in zip(predicted, exact, strict=True)]
+            figures, best = [figure for figure, _ in compared], [reachable for _, reachable in compared]
         with shown.stage("meshes"):
             files = ["model.npz", *_write_meshes(folder, predicted, exact, between)]
         if picture:
@@ -181,25 +181,22 @@ def _morph_values(held_out: Sequence[tuple[float, float]], count: int) -> list[t
 
 
 def _compare(
-    body: Body, exact: TriangleMesh, model: ShapeModel, transform: FarFieldPlan, grid: Grid
-) -> dict[str, float]:
+    body: Body, exact: TriangleMesh, model: ShapeModel, transform: FarFieldPlan, synthesis: SynthesisPlan
+) -> tuple[dict[str, float], float]:
+    """Figures of a predicted body, and the IoU that the exact one's far field gives: what these nodes can show."""
     height, weight = body.values
+    cells = voxelize(exact, synthesis.grid)
     truth = transform.apply(voxelize(exact, transform.grid).values)
     low, high = body.surface.bounds[:, 2]
-    return {
+    figures = {
         "height": height,
         "rw": weight,
-        "iou": metrics.iou(body.field > 0.5, voxelize(exact, grid)),
+        "iou": metrics.iou(body.field > 0.5, cells),
         "far_field_relative_error": float(metrics.far_field_error(model.predict(body.values), truth, transform.nodes)),
         "height_error_m": float(high - low - height),
         "volume_relative_error": metrics.volume_error(body.surface, exact),
     }
-
-
-def _best_iou(exact: TriangleMesh, transform: FarFieldPlan, synthesis: SynthesisPlan) -> float:
-    """IoU that the exact body's own far field gives: what these nodes can show, nothing learned."""
-    field = synthesis.apply(transform.apply(voxelize(exact, transform.grid).values))
-    return metrics.iou(field > 0.5, voxelize(exact, synthesis.grid))
+    return figures, metrics.iou(synthesis.apply(truth) > 0.5, cells)
 
 
 def _write_meshes(

@@ -18,7 +18,7 @@ from . import arguments, backends, batches, mesh_far_field, voxel_transform
 from .backends.base import Backend, ScatteredPlan, TensorPlan
 from .errors import ArgumentError, DtypeError, ShapeError
 from .geometry import Frame, Grid, Polygons, TriangleMesh, VoxelGrid
-from .nodes import FourierLattice, Nodes, ScatteredNodes, far_field_constant
+from .nodes import FourierLattice, Nodes, far_field_constant, require_nodes
 
 Body = VoxelGrid | Polygons | TriangleMesh
 
@@ -236,7 +236,7 @@ def _alike(
     backend: str | Backend | None,
     check: bool,
 ) -> list[NDArray[Any]]:
-    """Far fields of bodies that share a plan: voxels on one grid in one frame, or polygons in any."""
+    """Far fields of bodies of one kind: voxels on one grid in one frame, meshes or polygons in any."""
     first = bodies[0]
     if isinstance(first, Polygons):
         return _polygons(bodies, nodes, frames, eps, dtype, backend)
@@ -268,11 +268,8 @@ def _meshes(
     backend: str | Backend | None,
 ) -> list[NDArray[Any]]:
     """Meshes through the spread; the reference sums the surface integral plainly, to rounding."""
-    _require_nodes(nodes, 3, "body")
-    precision = arguments.complex_dtype("dtype", dtype)
-    _require_eps(eps)
+    precision, own = _settled(nodes, 3, frames, eps, dtype)
     chosen: Any = backends.get(backend, operation="mesh_spread")
-    own = [voxel_transform.frame_list(frame, 3, 1)[0] for frame in frames]
     if "mesh_transform" in chosen.operations:
         pairs = zip(bodies, own, strict=True)
         return [mesh_far_field.exact(body, nodes, frame, chosen).astype(precision) for body, frame in pairs]
@@ -288,10 +285,7 @@ def _polygons(
     backend: str | Backend | None,
 ) -> list[NDArray[Any]]:
     """Polygons in closed form, or through the spread where a backend is asked for that has only that."""
-    _require_nodes(nodes, 2, "body")
-    precision = arguments.complex_dtype("dtype", dtype)
-    _require_eps(eps)
-    own = [voxel_transform.frame_list(frame, 2, 1)[0] for frame in frames]
+    precision, own = _settled(nodes, 2, frames, eps, dtype)
     if backend is not None:
         named: Any = backends.get(backend)
         if "polygon_transform" not in named.operations and "mesh_spread" in named.operations:
@@ -313,13 +307,22 @@ def _polygons(
     return results
 
 
+def _settled(
+    nodes: Nodes, dim: int, frames: Sequence[Frame | None], eps: float, dtype: Any
+) -> tuple[np.dtype[Any], list[Frame]]:
+    """Precision and frames of bodies with surfaces, after what is common to all has been checked."""
+    _require_nodes(nodes, dim, "body")
+    precision = arguments.complex_dtype("dtype", dtype)
+    _require_eps(eps)
+    return precision, [voxel_transform.frame_list(frame, dim, 1)[0] for frame in frames]
+
+
 def _require_eps(eps: float) -> None:
     if not (isinstance(eps, (int, float, np.floating)) and 0 < eps < 1):
         raise ArgumentError("eps", f"is {eps!r}", "give 0 < eps < 1")
 
 
 def _require_nodes(nodes: Nodes, dim: int, other: str) -> None:
-    if not isinstance(nodes, (FourierLattice, ScatteredNodes)):
-        raise DtypeError("nodes", f"is a {type(nodes).__name__}", "give a FourierLattice or ScatteredNodes")
+    require_nodes(nodes)
     if nodes.dim != dim:
         raise ShapeError("nodes", f"is {nodes.dim}-D, {other} is {dim}-D", "give both the same dimension")

@@ -26,7 +26,7 @@ from .far_field import Body
 from .fields import FieldPlan
 from .frames import RULES, Rule
 from .geometry import Box, Grid
-from .nodes import FourierLattice, Nodes, ScatteredNodes
+from .nodes import FourierLattice, Nodes, require_nodes
 from .synthesis import Window
 from .training_set import Rows, in_grid_order, tensor_order
 
@@ -165,7 +165,7 @@ class ShapeModel:
             See `accel_shapegen.backends.get`.
         """
         axes = _axes(knots, boundary, basis, names)
-        _require_nodes(nodes)
+        require_nodes(nodes)
         generators = arguments.plain_array("u", u)
         if generators.dtype.name not in arguments.REAL_OF:
             raise DtypeError("u", f"has dtype {generators.dtype}", "give complex64 or complex128 values")
@@ -231,7 +231,7 @@ class ShapeModel:
         axes = _axes(knots, boundary, basis, names)
         if frame is not None and not callable(frame):
             arguments.choice("frame", frame, RULES)
-        _require_nodes(nodes)
+        require_nodes(nodes)
         shape = tuple(len(axis.knots) for axis in axes)
 
         def place(body: int) -> str:
@@ -489,11 +489,6 @@ class ShapeModel:
         from . import model_file
 
         return cls(**model_file.read(Path(path)), backend=backend)
-
-
-def _require_nodes(nodes: Any) -> None:
-    if not isinstance(nodes, (FourierLattice, ScatteredNodes)):
-        raise DtypeError("nodes", f"is a {type(nodes).__name__}", "give a FourierLattice or ScatteredNodes")
 
 
 def _axes(

@@ -222,6 +222,12 @@ class ScatteredNodes:
 Nodes = FourierLattice | ScatteredNodes
 
 
+def require_nodes(nodes: object) -> None:
+    """Raise `DtypeError` for anything that is neither a lattice nor scattered nodes."""
+    if not isinstance(nodes, Nodes):
+        raise DtypeError("nodes", f"is a {type(nodes).__name__}", "give a FourierLattice or ScatteredNodes")
+
+
 def far_field_constant(
     k: ArrayLike, dim: int, convention: Literal["physical", "paper"] = "physical"
 ) -> NDArray[np.complex128]:

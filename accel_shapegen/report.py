@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import MissingDependencyError
+from . import extras
 from .geometry import Grid, Polygons, TriangleMesh
 from .progress import Report
 from .shading import render, vertex_normals, view_axes
@@ -49,12 +49,7 @@ class Comparison:
 
 def require_matplotlib() -> None:
     """Raise `MissingDependencyError` where no picture can be drawn: before the work, not after it."""
-    try:
-        import matplotlib  # noqa: F401
-    except ImportError as error:
-        raise MissingDependencyError(
-            "pictures", f"need matplotlib ({error})", 'run pip install "accel-shapegen[plot]"'
-        ) from error
+    extras.require("pictures", "matplotlib", "plot")
 
 
 def draw_comparison(

@@ -9,19 +9,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from . import extras
 from .bodies.files import save_voxels
-from .errors import ArgumentError, MissingDependencyError
+from .errors import ArgumentError
 from .geometry import Grid, VoxelGrid
 
 
 def require_zarr() -> None:
     """Raise `MissingDependencyError` where Zarr is not installed: before the work, not after it."""
-    try:
-        import zarr  # noqa: F401
-    except ImportError as error:
-        raise MissingDependencyError(
-            "zarr", f"cannot be imported ({error})", 'run pip install "accel-shapegen[zarr]"'
-        ) from error
+    extras.require("zarr volumes", "zarr", "zarr")
 
 
 class ZarrVolumes:

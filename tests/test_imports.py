@@ -58,7 +58,7 @@ MAY_IMPORT = {
     "front": {"foundation", "numerics", "bodies", "backends", "operations"},
 }  # fmt: skip
 LAYERS = {
-    "foundation": ["errors", "arguments", "geometry", "nodes", "kernel_window", "quadrature"],
+    "foundation": ["errors", "extras", "arguments", "geometry", "nodes", "kernel_window", "quadrature"],
     "numerics": [
         "batches", "frames", "metrics", "noise", "progress", "shading", "splines", "surface", "testing",
         "voxelize",

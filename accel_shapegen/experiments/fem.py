@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import MissingDependencyError
+from .. import extras
 from .fem_mesh import Shells
 
 Floats = NDArray[np.float64]
@@ -34,13 +34,7 @@ BONUS = 8
 
 def require_ngsolve() -> Any:
     """The ngsolve module, or `MissingDependencyError`."""
-    try:
-        import ngsolve
-    except ImportError as error:
-        raise MissingDependencyError(
-            "finite elements", f"need ngsolve ({error})", 'run pip install "accel-shapegen[fem]"'
-        ) from error
-    return ngsolve
+    return extras.require("finite elements", "ngsolve", "fem")
 
 
 @dataclass(frozen=True, eq=False)
